@@ -164,7 +164,7 @@ bench-score: setup ## Measure how fast recordings are scored on one core, withou
 validation: setup ## Compare the tissue with closed forms; pictures into docs/validation
 	cargo run --release -p validation --example validation
 
-study: setup ## Let four scripted surgeons and recorded hands do the training modules; docs/study.md and its picture (STUDY="--seeds 4")
+study: setup ## Let five scripted surgeons and recorded hands do the training modules; docs/study.md and its picture (STUDY="--seeds 4")
 	cargo run --release -p validation --example study -- --page docs/study.md $(STUDY)
 
 golden: setup ## Renew the recording that every build must replay to the bit; say in the commit why

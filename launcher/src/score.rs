@@ -266,6 +266,7 @@ fn text(attempt: &Attempt) -> String {
         (_, None) => "the run told none".into(),
     };
     // Writing into a string cannot fail.
+    let end = score.failed.map_or(end.into(), |injury| format!("{end}, failed by {injury},"));
     let _ = writeln!(out, "  {} level {}: {end} after {:.2} s", attempt.module, attempt.level, score.took_s);
     let _ = writeln!(
         out,
@@ -287,7 +288,8 @@ fn text(attempt: &Attempt) -> String {
         }
     }
     for (penalty, count) in PENALTIES.iter().zip(score.injuries).filter(|(_, n)| *n > 0) {
-        let _ = writeln!(out, "    {count} × {}", penalty.name);
+        let serious = if penalty.serious { " (serious)" } else { "" };
+        let _ = writeln!(out, "    {count} × {}{serious}", penalty.name);
     }
     out
 }

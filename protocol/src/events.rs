@@ -167,6 +167,8 @@ events! {
     ScoreCategory = 121, "score.category", "points", Info, "score of a category";
     /// Dye coloured more of the membrane; share of its nodes.
     MembraneStained = 122, "membrane.stained", "%", Info, "membrane stained";
+    /// A goal is done in part; share of it, in tenths.
+    GoalProgress = 123, "task.goal_progress", "share", Info, "goal done in part";
 }
 
 impl EventKind {

@@ -51,7 +51,7 @@ use protocol::handles::{HandleState, PedalState};
 use protocol::journal::Entry;
 use protocol::message::{Invalid, Message};
 use protocol::poses::TrackerFrame;
-use protocol::steps::{CheckpointHeader, STATE_HASH_VERSION, StepRecord};
+use protocol::steps::{CheckpointHeader, STATE_HASH_VERSION, STATE_HASH_WITHOUT_TASK, StepRecord};
 use protocol::time::Nanos;
 use protocol::wire::{Layout, layout_of};
 use std::collections::BTreeMap;
@@ -257,11 +257,13 @@ pub const STATE_HASH: &str = "state-hash";
 pub const TRACKER: &str = "tracker";
 
 impl Provenance {
-    /// Version of its state hashes where it is not [`STATE_HASH_VERSION`], so that states cannot be
-    /// compared; 0 for a version that is no number. Recordings that name none are of version 1.
+    /// Version of its state hashes where it is not one that hashes this scene as
+    /// [`STATE_HASH_VERSION`] does, so that states cannot be compared; 0 for a version that is no number. Recordings that name none are of version 1.
     pub fn other_state_hash_version(&self) -> Option<u32> {
         let version = self.versions.get(STATE_HASH).map_or(1, |v| v.parse().unwrap_or(0));
-        (version != STATE_HASH_VERSION).then_some(version)
+        let has_task = self.scene_toml.lines().any(|line| line.trim() == "[task]");
+        let oldest = if has_task { STATE_HASH_VERSION } else { STATE_HASH_WITHOUT_TASK };
+        (!(oldest..=STATE_HASH_VERSION).contains(&version)).then_some(version)
     }
 
     /// Version of the arithmetic of its tracker where it is not [`TRACKER_VERSION`], so that its poses

@@ -152,6 +152,9 @@ pub enum Goal {
         /// How many of them.
         #[serde(default = "one")]
         count: u32,
+        /// In a sequence, what came before its turn counts too: for what stays once it is so.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        early: bool,
     },
 }
 

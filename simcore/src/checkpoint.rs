@@ -15,7 +15,9 @@ use protocol::limits::MAX_CHECKPOINT_BYTES;
 use serde::{Deserialize, Serialize};
 
 /// Version of the state's meaning; another one is refused.
-pub const VERSION: u32 = 7;
+pub const VERSION: u32 = 8;
+/// The last version in which a scene without a task has the same state.
+const WITHOUT_TASK: u32 = 7;
 
 /// Why a checkpoint was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -91,14 +93,18 @@ pub fn decode(bytes: &[u8], scene: u64) -> Result<State, CheckpointError> {
         problem: e.to_string(),
     };
     let (header, read): (Header, usize) = bincode::serde::decode_from_slice(bytes, config()).map_err(fail)?;
-    if header.version != VERSION {
-        return Err(CheckpointError::Version { found: header.version });
+    let other = CheckpointError::Version { found: header.version };
+    if !(WITHOUT_TASK..=VERSION).contains(&header.version) {
+        return Err(other);
     }
     if header.scene != scene {
         return Err(CheckpointError::Scene { expected: scene, found: header.scene });
     }
     let (mut state, mut rest): (State, usize) =
         bincode::serde::decode_from_slice(&bytes[read..], config()).map_err(fail)?;
+    if header.version != VERSION && state.task.is_some() {
+        return Err(other);
+    }
     let doses;
     (state.dose.mj_mm2, doses) =
         bincode::serde::decode_from_slice(&bytes[read + rest..], config()).map_err(fail)?;

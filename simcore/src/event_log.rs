@@ -62,6 +62,13 @@ impl EventLog {
         self.next_seq += 1;
     }
 
+    /// Adds an event that is no warning here, whatever it is elsewhere.
+    pub fn emit_unwarned(&mut self, draft: EventDraft) {
+        let warning = self.warning;
+        self.emit(draft);
+        self.warning = warning;
+    }
+
     /// Events of this step.
     pub fn events(&self) -> &[Event] {
         &self.events

@@ -52,6 +52,11 @@ impl ToolsState {
         self.exchange = pressed(PedalMode::Exchange, first);
     }
 
+    /// The foot asks for suction, injection or air.
+    pub fn is_pressed(&self) -> bool {
+        [self.suction_pa, self.injection_pa, self.exchange].iter().any(|x| *x > 0.0)
+    }
+
     /// True if a state may hold these numbers.
     pub fn is_sound(&self) -> bool {
         let finite = [self.suction_pa, self.injection_pa, self.exchange].iter().all(|x| x.is_finite());

@@ -21,12 +21,16 @@ const OVERSHOOT_MM: f64 = 1.0;
 /// proportional to the mean speed, as the spread of a movement's end is (Schmidt et al. 1979,
 /// Psychological Review 86(5), 415).
 const FREE_MM_S: f64 = 3.0;
+/// Length of the only movement of hands that rest, mm: more than begins an attempt.
+const FIRST_MOVE_MM: f64 = 1.0;
 
 /// Error model of a surgeon.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Skill {
     /// Name for people and programs.
     pub name: &'static str,
+    /// Carries out the plan; else the hands rest after the first movement.
+    pub works: bool,
     /// Duration as a multiple of the plan's.
     pub time_scale: f64,
     /// Standard deviation of the aim on each axis, mm.
@@ -50,6 +54,7 @@ pub struct Skill {
 /// Accurate, direct, on time.
 pub const EXPERT: Skill = Skill {
     name: "expert",
+    works: true,
     time_scale: 1.0,
     aim_sigma_mm: 0.03,
     depth_bias_mm: [0.0, 0.01],
@@ -64,6 +69,7 @@ pub const EXPERT: Skill = Skill {
 /// Moderate errors, slower than planned.
 pub const AVERAGE: Skill = Skill {
     name: "average",
+    works: true,
     time_scale: 1.6,
     aim_sigma_mm: 0.08,
     depth_bias_mm: [0.02, 0.03],
@@ -78,6 +84,7 @@ pub const AVERAGE: Skill = Skill {
 /// Large errors, slow, little depth bias.
 pub const NOVICE: Skill = Skill {
     name: "novice",
+    works: true,
     time_scale: 2.1,
     aim_sigma_mm: 0.15,
     depth_bias_mm: [0.06, 0.06],
@@ -92,6 +99,7 @@ pub const NOVICE: Skill = Skill {
 /// Largest errors, fast, strong depth bias.
 pub const CARELESS: Skill = Skill {
     name: "careless",
+    works: true,
     time_scale: 0.7,
     aim_sigma_mm: 0.4,
     depth_bias_mm: [0.75, 0.2],
@@ -103,8 +111,24 @@ pub const CARELESS: Skill = Skill {
     max_retries: 1,
 };
 
+/// One small movement, by which the attempt begins; then the hands rest until the time is over.
+pub const IDLE: Skill = Skill {
+    name: "idle",
+    works: false,
+    // Longer than the limit of any level, which is about three times its plan.
+    time_scale: 6.0,
+    aim_sigma_mm: 0.0,
+    depth_bias_mm: [0.0, 0.0],
+    overshoot: 0.0,
+    deviation: 0.0,
+    tremor_um: 20.0,
+    early_release_probability: 0.0,
+    jaw_slip_probability: 0.0,
+    max_retries: 0,
+};
+
 /// Every shipped skill, best first.
-pub const SKILLS: [Skill; 4] = [EXPERT, AVERAGE, NOVICE, CARELESS];
+pub const SKILLS: [Skill; 5] = [EXPERT, AVERAGE, NOVICE, CARELESS, IDLE];
 
 /// The shipped skill of this name.
 pub fn by_name(name: &str) -> Option<Skill> {
@@ -139,6 +163,9 @@ impl Movement<'_> {
 impl Skill {
     /// One attempt at a plan in an eye of radius `radius_mm`, drawn from a seed.
     pub fn perform(&self, plan: &ScriptScene, radius_mm: f64, seed: u64) -> ScriptScene {
+        if !self.works {
+            return self.rest(plan);
+        }
         let mut random = Random::new(seed, 1);
         let mut keys = Vec::new();
         for instrument in [0, 1] {
@@ -158,6 +185,27 @@ impl Skill {
             pedal: self.pedal_keys(&plan.pedal),
             retargets: plan.retargets.iter().map(retarget).collect(),
             goal_checks: plan.goal_checks.iter().map(goal_check).collect(),
+            ..plan.clone()
+        }
+    }
+
+    /// Hands that rest where the plan begins, but for one movement towards the eye's centre and back.
+    fn rest(&self, plan: &ScriptScene) -> ScriptScene {
+        let mut keys = Vec::new();
+        for first in [0, 1].into_iter().filter_map(|i| plan.first_key(i)) {
+            let tip = Vector3::from(first.tip_in_eye_mm);
+            let inwards = -tip.try_normalize(1e-6).unwrap_or(-Vector3::z()) * FIRST_MOVE_MM;
+            let key =
+                |at_s, tip: Vector3<f64>| ScriptKey { at_s, tip_in_eye_mm: tip.into(), ..first.clone() };
+            keys.extend([key(0.0, tip), key(1.0, tip), key(2.0, tip + inwards), key(3.0, tip)]);
+        }
+        ScriptScene {
+            period_s: plan.period_s * self.time_scale,
+            tremor_um: self.tremor_um,
+            keys,
+            pedal: Vec::new(),
+            retargets: Vec::new(),
+            goal_checks: Vec::new(),
             ..plan.clone()
         }
     }
@@ -291,11 +339,21 @@ mod tests {
             for surgeon in SKILLS {
                 let of = |seed| surgeon.perform(scene.script.as_ref().unwrap(), 11.5, seed);
                 assert_eq!(of(3), of(3));
-                assert_ne!(of(3), of(4));
+                assert_eq!(of(3) != of(4), surgeon.works);
                 let performed = SceneFile { script: Some(of(3)), ..scene.clone() };
                 SceneFile::parse(&performed.to_toml(), surgeon.name).unwrap();
             }
         }
+    }
+
+    #[test]
+    fn idle_hands_move_once_and_press_nothing() {
+        let scene = SceneFile::load("relocation").unwrap();
+        let plan = scene.script.as_ref().unwrap();
+        let idle = IDLE.perform(plan, 11.5, 1);
+        assert!(idle.pedal.is_empty() && idle.goal_checks.is_empty() && idle.period_s > 5.0 * plan.period_s);
+        assert!((crate::plan::path_mm(&idle.keys) - 4.0 * FIRST_MOVE_MM).abs() < 1e-9);
+        assert!(idle.keys.iter().all(|k| k.at_s <= 3.0));
     }
 
     #[test]

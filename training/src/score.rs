@@ -13,7 +13,7 @@ pub use meter::{Meter, Scorer};
 use meter::larger;
 use protocol::events::{EventDraft, EventKind};
 use serde::Serialize;
-use table::{CATEGORIES, COUNT, Category, Id, METRICS, MOST_PENALTY, PENALTIES, VERSION};
+use table::{CATEGORIES, COUNT, Category, Id, KEPT_WHEN_FAILED, METRICS, PENALTIES, VERSION};
 
 /// Uncertainty of the tracker's own covariance: how far the noise taken from the tremor may be
 /// wrong, as a share.
@@ -52,6 +52,8 @@ pub struct Score {
     pub metrics: [Reading; COUNT],
     /// Injuries that count, in the order of [`PENALTIES`].
     pub injuries: [u32; table::INJURIES],
+    /// Name of the first serious injury in that order, which failed the attempt.
+    pub failed: Option<&'static str>,
     /// Every goal was reached in time.
     pub finished: bool,
     /// Time of the attempt, s.
@@ -63,7 +65,14 @@ impl Scorer {
     pub fn score(&self, meter: &Meter) -> Score {
         let meter = &self.closed(meter);
         let figures = self.figures(meter);
-        let metrics: [Reading; COUNT] = std::array::from_fn(|i| reading(&figures, i));
+        let injuries = meter.injuries.map(|t| t.count);
+        let done = self.share_done(meter);
+        let mut metrics: [Reading; COUNT] = std::array::from_fn(|i| reading(&figures, i, done));
+        let earned: f64 = metrics.iter().map(|m| m.points).sum();
+        let kept = share_kept(&injuries);
+        let lost = earned * (1.0 - kept);
+        let unhurt = &mut metrics[Id::Injuries as usize];
+        (unhurt.value, unhurt.points) = (Some(lost), unhurt.points - lost);
         let categories: [f64; CATEGORIES] = std::array::from_fn(|c| {
             let own = (0..COUNT).filter(|&i| METRICS[i].category as usize == c);
             own.map(|i| metrics[i].points).sum()
@@ -72,10 +81,11 @@ impl Scorer {
         Score {
             version: VERSION,
             total: if sum > 0.0 { sum } else { 0.0 },
-            sigma: libm::sqrt((0..COUNT).map(|i| variance(&metrics[i], i, meter)).sum()),
+            sigma: kept * libm::sqrt(variance(&metrics, done, earned, meter)),
             categories,
             metrics,
-            injuries: meter.injuries.map(|t| t.count),
+            injuries,
+            failed: serious(&injuries),
             finished: meter.finished,
             took_s: meter.elapsed_s(),
         }
@@ -83,8 +93,7 @@ impl Scorer {
 
     /// Value and deviation of every metric; `None` where the task has nothing of the kind.
     fn figures(&self, m: &Meter) -> [Option<(f64, f64)>; COUNT] {
-        let goals = self.task.goals.len() as f64;
-        let share = f64::from(m.reached) / goals;
+        let share = self.share_done(m);
         let took_s = m.elapsed_s();
         let of_time = |s: f64| if took_s > 0.0 { s / took_s } else { 0.0 };
         let has_path = self.task.goals.iter().any(|g| matches!(g, scene::Goal::Follow { .. }));
@@ -114,8 +123,14 @@ impl Scorer {
         figures[Id::Unlit as usize] =
             self.lit.then(|| (if m.seen_s > 0.0 { m.unlit_s / m.seen_s } else { 0.0 }, 0.0));
         figures[Id::LightDose as usize] = self.lit.then_some((m.dose_mj_mm2, 0.0));
-        figures[Id::Injuries as usize] = Some((penalty(m), 0.0));
+        figures[Id::Injuries as usize] = Some((0.0, 0.0));
         figures
+    }
+
+    /// Share of the goals that is done: each that is reached, and of others the part that was.
+    fn share_done(&self, m: &Meter) -> f64 {
+        let goals = self.task.goals.len();
+        m.done.iter().take(goals).sum::<f64>() / goals as f64
     }
 
     /// Tremor of the worse of the hands at the task, less tracking noise, and its deviation, µm.
@@ -152,14 +167,18 @@ impl Score {
     }
 }
 
-/// Points lost to injuries.
-fn penalty(m: &Meter) -> f64 {
-    let of = |i: usize| {
-        let all = f64::from(m.injuries[i].count) * PENALTIES[i].points;
-        if all > PENALTIES[i].most { PENALTIES[i].most } else { all }
-    };
-    let sum: f64 = (0..PENALTIES.len()).map(of).sum();
-    if sum > MOST_PENALTY { MOST_PENALTY } else { sum }
+/// Share of its points that an attempt with these injuries keeps. Each takes its share of what the
+/// others left, so that one more always costs and nothing falls below 0.
+fn share_kept(injuries: &[u32; table::INJURIES]) -> f64 {
+    let of = |(p, n): (&table::Penalty, &u32)| libm::pow(1.0 - p.share, f64::from(*n));
+    let kept: f64 = PENALTIES.iter().zip(injuries).map(of).product();
+    if serious(injuries).is_some() { kept * KEPT_WHEN_FAILED } else { kept }
+}
+
+/// Name of the first serious injury among these.
+fn serious(injuries: &[u32; table::INJURIES]) -> Option<&'static str> {
+    let own = PENALTIES.iter().zip(injuries).find(|(p, n)| p.serious && **n > 0);
+    own.map(|(p, _)| p.name)
 }
 
 /// Share of its points that a figure brings: 1 at `full_at` and better, 0 at `none_at` and worse.
@@ -169,36 +188,42 @@ fn ramp(metric: &table::Metric, value: f64) -> f64 {
     share.clamp(0.0, 1.0) + 0.0
 }
 
-fn reading(figures: &[Option<(f64, f64)>; COUNT], i: usize) -> Reading {
+/// A metric's points, before those lost to injuries. All but the goals themselves bring the share of
+/// their points that is `done` of the goals: who does nothing handles nothing well.
+fn reading(figures: &[Option<(f64, f64)>; COUNT], i: usize, done: f64) -> Reading {
     let metric = &METRICS[i];
     let Some((value, sigma)) = figures[i] else {
         return Reading { key: metric.key, value: None, sigma: 0.0, points: 0.0, of: 0.0 };
     };
-    // What a task has nothing for is shared out among the others of the category; injuries keep
-    // their own scale.
+    // What a task has nothing for is shared out among the others of the category.
     let own = |j: &usize| METRICS[*j].category == metric.category;
-    let injuries = Id::Injuries as usize;
     let points_where = |there: bool| {
         let those = (0..COUNT).filter(own).filter(|&j| figures[j].is_some() == there);
         those.map(|j| METRICS[j].points).sum::<f64>()
     };
     let (shared, there) = (points_where(false), points_where(true));
     let of = metric.points * (1.0 + if there > 0.0 { shared / there } else { 0.0 });
-    let points = if i == injuries { of - value } else { of * ramp(metric, value) };
-    Reading { key: metric.key, value: Some(value), sigma, points, of }
+    let scale = if i == Id::Goals as usize { 1.0 } else { done };
+    Reading { key: metric.key, value: Some(value), sigma, points: of * scale * ramp(metric, value), of }
 }
 
-/// Variance of a metric's points.
-fn variance(reading: &Reading, i: usize, m: &Meter) -> f64 {
-    let metric = &METRICS[i];
-    if i == Id::Injuries as usize {
-        let of = |k: usize| PENALTIES[k].points * PENALTIES[k].points * m.injuries[k].variance;
-        return (0..PENALTIES.len()).map(of).sum();
-    }
-    let share = reading.value.map_or(0.0, |v| ramp(metric, v));
-    // Beyond a threshold a small doubt changes nothing.
-    let steep = if share > 0.0 && share < 1.0 { reading.of / (metric.full_at - metric.none_at) } else { 0.0 };
-    (steep * reading.sigma) * (steep * reading.sigma)
+/// Variance of the points earned: of the metrics by their slopes, and of injuries that may or may
+/// not have been by what each takes.
+fn variance(metrics: &[Reading; COUNT], done: f64, earned: f64, m: &Meter) -> f64 {
+    let of_metric = |(metric, reading): (&table::Metric, &Reading)| {
+        let share = reading.value.map_or(0.0, |v| ramp(metric, v));
+        // Beyond a threshold a small doubt changes nothing.
+        let inside = share > 0.0 && share < 1.0;
+        let steep = if inside { done * reading.of / (metric.full_at - metric.none_at) } else { 0.0 };
+        (steep * reading.sigma) * (steep * reading.sigma)
+    };
+    let of_injury = |(p, tally): (&table::Penalty, &meter::Tally)| {
+        let fails = p.serious && tally.count == 0;
+        let takes = 1.0 - (1.0 - p.share) * if fails { KEPT_WHEN_FAILED } else { 1.0 };
+        (earned * takes) * (earned * takes) * tally.variance
+    };
+    let metrics: f64 = METRICS.iter().zip(metrics).map(of_metric).sum();
+    metrics + PENALTIES.iter().zip(&m.injuries).map(of_injury).sum::<f64>()
 }
 
 #[cfg(test)]

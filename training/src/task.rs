@@ -20,6 +20,9 @@ use serde::{Deserialize, Serialize};
 /// Tips are smoothed with this time constant before distances from goals are averaged, s: tremor is
 /// scored as tremor and not a second time as lack of aim.
 const SMOOTHING_S: f64 = 0.1;
+/// An attempt begins when a smoothed tip is this far from where it was first seen in the eye, mm:
+/// beyond the tremor of a resting hand, which is below 0.2 mm.
+const FIRST_MOVE_MM: f64 = 0.5;
 
 /// State of a rigid body.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,6 +51,10 @@ pub struct Observation<'a> {
     pub tips: [Option<Tip>; INSTRUMENTS],
     /// What is in the hands, [`Tool`] on the wire.
     pub tools: [u32; INSTRUMENTS],
+    /// Tips that are inside the retina.
+    pub in_retina: [bool; INSTRUMENTS],
+    /// The pedal is pressed for suction, injection or air.
+    pub pressed: bool,
     /// The scene's bodies, in their order.
     pub bodies: &'a [BodyObservation],
     /// Vitreous removed from core and periphery, ml; only in the steps in which it was looked at.
@@ -67,7 +74,7 @@ pub struct Observation<'a> {
 /// Phase of an attempt.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Phase {
-    /// No instrument has been seen in the eye.
+    /// Nobody has moved an instrument in the eye or pressed the pedal.
     #[default]
     Waiting,
     /// Time runs.
@@ -91,6 +98,8 @@ pub struct TaskState {
     pub goals: Vec<GoalState>,
     /// Smoothed tips, eye frame, mm.
     smooth_mm: [Option<Vector3<f64>>; INSTRUMENTS],
+    /// Where each was first seen in the eye, eye frame, mm.
+    rest_mm: [Option<Vector3<f64>>; INSTRUMENTS],
     /// Since when a tip has been out of view; 0 while in view.
     out_since_ns: [Nanos; INSTRUMENTS],
     /// Since when a shaft has been in the lens; 0 while clear.
@@ -118,7 +127,8 @@ impl TaskState {
 
     /// True if it could be the state of `task`: for checkpoints.
     pub fn fits(&self, task: &Task) -> bool {
-        let finite = self.smooth_mm.iter().flatten().all(|p| p.iter().all(|c| c.is_finite()));
+        let points = self.smooth_mm.iter().chain(&self.rest_mm);
+        let finite = points.flatten().all(|p| p.iter().all(|c| c.is_finite()));
         finite && self.goals.len() == task.scene.goals.len() && self.goals.iter().all(GoalState::is_sound)
     }
 }
@@ -174,22 +184,36 @@ impl Task {
         if matches!(state.phase, Phase::Finished | Phase::TimedOut) {
             return;
         }
-        let within = |t: &Tip| t.tip_in_eye_mm.norm() < self.radius_mm;
+        smooth(&mut state.smooth_mm, seen, if first { 0.0 } else { dt_s });
         if state.phase == Phase::Waiting {
-            if !seen.tips.iter().flatten().any(within) {
+            if !self.has_begun(state, seen) {
                 return;
             }
             (state.phase, state.begun_ns) = (Phase::Running, seen.now_ns);
             emit(EventDraft::new(EventKind::TaskStarted, self.scene.limit_s));
         }
-        smooth(&mut state.smooth_mm, seen, if first { 0.0 } else { dt_s });
         self.watch_view(state, seen, emit);
         self.watch_lens(state, seen, emit);
         self.check_goals(state, seen, emit);
         self.end(state, emit);
     }
 
+    /// Whether somebody works: a tip in the eye has moved, or the pedal is pressed.
+    fn has_begun(&self, state: &mut TaskState, seen: &Observation) -> bool {
+        let mut moved = false;
+        for (i, smooth) in state.smooth_mm.iter().enumerate() {
+            let Some(at) = smooth.filter(|at| at.norm() < self.radius_mm) else { continue };
+            moved |= (at - *state.rest_mm[i].get_or_insert(at)).norm() > FIRST_MOVE_MM;
+        }
+        moved || (seen.pressed && state.rest_mm.iter().any(Option::is_some))
+    }
+
     fn check_goals(&self, state: &mut TaskState, seen: &Observation, emit: &mut dyn FnMut(EventDraft)) {
+        for index in 0..self.scene.goals.len() {
+            if !self.is_open(state, index) && !state.goals[index].reached {
+                state.goals[index].note_early(&self.scene.goals[index], seen.events);
+            }
+        }
         for index in 0..self.scene.goals.len() {
             if !self.is_open(state, index) {
                 continue;
@@ -197,7 +221,12 @@ impl Task {
             let check =
                 Check { seen, smooth_mm: &state.smooth_mm, radius_mm: self.radius_mm, axes: &self.axes };
             let own = &mut state.goals[index];
+            let before = own.tenths();
             check.advance(&self.scene.goals[index], own, index as u32, emit);
+            if !own.reached && own.tenths() > before {
+                let share = f64::from(own.tenths()) / 10.0;
+                emit(EventDraft::new(EventKind::GoalProgress, share).about(index as u32));
+            }
             if own.reached {
                 let missed = own.mean_mm();
                 emit(EventDraft::new(EventKind::GoalReached, missed).about(index as u32));

@@ -5,6 +5,7 @@ use super::World;
 use crate::bodies::state::BodiesState;
 use crate::checkpoint::CheckpointError;
 use crate::state::State;
+use collision::eyeball::RetinaLevel;
 use nalgebra::{Isometry3, UnitVector3, Vector3};
 use protocol::poses::TrackerFrame;
 use scene::{CORE_MM, Goal, MAX_BODIES, PERIPHERY_FROM_Z_MM, SceneFile};
@@ -128,6 +129,8 @@ impl World {
             now_ns: frame.instants.exposed,
             tips,
             tools: self.state.instruments.each_ref().map(|i| i.tool),
+            in_retina: self.state.instruments.each_ref().map(|i| i.retina.level == RetinaLevel::Inside),
+            pressed: self.state.tools.is_pressed(),
             bodies: &bodies[..there],
             gel_ml,
             retina,

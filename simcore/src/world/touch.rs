@@ -7,6 +7,7 @@ use crate::state::MarkState;
 use collision::eyeball;
 use nalgebra::Vector3;
 use protocol::events::{EventDraft, EventKind};
+use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 
 /// Radius of a fresh bleeding point, mm.
@@ -31,7 +32,15 @@ impl World {
                 continue;
             };
             let event = EventDraft::new(change.kind, change.value);
-            self.log.emit(EventDraft { limit: change.limit, ..event.by(i, tip.into()) });
+            let event = EventDraft { limit: change.limit, ..event.by(i, tip.into()) };
+            // Under a retina that can be lifted a needle injects; the touch before it goes in is
+            // the way there. The score counts it where the needle does not go in.
+            let injects = self.retina.is_some() && instrument.tool == Tool::Needle as u32;
+            if injects && change.kind == EventKind::RetinaTouched {
+                self.log.emit_unwarned(event);
+            } else {
+                self.log.emit(event);
+            }
             if change.kind == EventKind::RetinaPenetrated {
                 self.bleed(tip, change.value);
             }
@@ -58,7 +67,6 @@ mod tests {
     use crate::world::no_clock;
     use nalgebra::Isometry3;
     use protocol::geometry::Pose;
-    use protocol::handles::Tool;
     use protocol::steps::StepInput;
     use scene::{RetinaOperation, SceneFile};
     use surgeon::rehearsal::Rehearsal;
@@ -111,6 +119,35 @@ mod tests {
         assert_eq!(count(&looked_at(&scene, tip, |_| {}), EventKind::NotPiConvex), 0);
         let told = looked_at(&scene, tip, |w| fold(&mut w.state.membrane));
         assert_eq!(count(&told, EventKind::NotPiConvex), 1, "{told:?}");
+    }
+
+    /// A needle over a retina that can be lifted touches it on the way into it: that is recorded,
+    /// and no warning. The same touch by a pick is one.
+    #[test]
+    fn a_needle_that_is_to_inject_touches_without_a_warning() {
+        let noticed = |tool: Tool| {
+            let mut scene = SceneFile::load("relocation").unwrap();
+            scene.instruments[0].tool = tool;
+            scene.script.as_mut().unwrap().keys.iter_mut().for_each(|k| k.tool = None);
+            let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).unwrap());
+            let (mut touched, mut warned) = (0, 0);
+            for field in 0..40 {
+                let (mut frame, mut handles) = rehearsal.field(field);
+                let depth = 11.2 + 0.01 * field.min(28) as f64;
+                frame.bodies[0].world_from_body.position_mm = [0.0, 0.0, -depth];
+                frame.bodies[protocol::poses::EYE].world_from_body =
+                    Pose::from_isometry(&Isometry3::identity());
+                handles.iter_mut().for_each(|h| (h.jaw_rad, h.tool) = (0.5, tool as u32));
+                world.step(&StepInput { frame: &frame, handles: &handles[..1], pedals: &[] }, &mut no_clock);
+                let is = |kind: EventKind| world.events().iter().filter(|e| e.kind == kind as u32).count();
+                touched += is(EventKind::RetinaTouched);
+                warned += u32::from(world.state().notice_kind == EventKind::RetinaTouched as u32);
+            }
+            (touched, warned > 0)
+        };
+        let ((by_needle, warned), (by_pick, of_pick)) = (noticed(Tool::Needle), noticed(Tool::Pick));
+        assert!(by_needle > 0 && by_pick > 0, "{by_needle} {by_pick}");
+        assert_eq!((warned, of_pick), (false, true));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! `docs/score.md`, made from the table.
 
-use super::table::{Category, METRICS, MOST_PENALTY, PENALTIES, VERSION};
+use super::table::{Category, KEPT_WHEN_FAILED, METRICS, PENALTIES, VERSION};
 use std::fmt::Write;
 
 const BEGIN: &str = "\
@@ -18,8 +18,10 @@ const HOW: &str = "\
 ## How points are made
 
 Each metric brings all of its points up to one threshold, none beyond the other, and a share in a straight line between. What a task
-has nothing for (no path, no light pipe) is shared out among the other metrics of the category. An attempt begins when an instrument
-is first seen in the eye (event 110) and ends with the last goal (112) or with its time (113); what stands at its end counts.
+has nothing for (no path, no light pipe) is shared out among the other metrics of the category. All metrics but the goals themselves
+bring that share of their points that *goals reached* is: who does nothing gets nothing for still hands and an unhurt retina.
+An attempt begins (event 110) when the smoothed tip of an instrument has moved 0.5 mm from where it was first seen in the eye, or the
+pedal is pressed for suction, injection or air; it ends with the last goal (112) or with its time (113); what stands at its end counts.
 A gap of more than 0.2 s between two poses of a recording (a pause, or a tracker that said nothing) is no part of the attempt: no time
 passes in it, and no way, speed or tremor is taken across it.
 
@@ -55,15 +57,19 @@ pub fn page() -> String {
     }
     let _ = write!(
         text,
-        "\n## Injuries\n\nThey are taken off tissue treatment, which may fall below 0; together they take at most {MOST_PENALTY} points. Lens \
-         contact, the two haemorrhages and the tear are in the proportions 346 : 125 : 106 : 90, to half a point: so many points the commercial \
-         device took off for an injured lens, macular haemorrhages, injured retina elsewhere and tears of surgeons who trained on it (Deuchler et \
-         al. 2016, PLoS ONE 11(3), e0150690, doi 10.1371/journal.pone.0150690). Contacts that go into nothing and pulls are not in that study; they \
-         stand below.\n\n"
+        "\n## Injuries\n\nEach injury takes its share of the points that all metrics bring together, and of what the injuries before it \
+         left, so that each further one costs, however many there were; what is lost is taken off tissue treatment, which may fall below 0. \
+         A serious injury fails the attempt: of what is left it keeps {KEPT_WHEN_FAILED}, always less than {} points. Lens contact, the two \
+         haemorrhages and the tear are in the proportions 346 : 125 : 106 : 90, to half a per cent: so many points the commercial device took \
+         off for an injured lens, macular haemorrhages, injured retina elsewhere and tears of surgeons who trained on it (Deuchler et al. 2016, \
+         PLoS ONE 11(3), e0150690, doi 10.1371/journal.pone.0150690). Contacts that go into nothing and pulls are not in that study; they stand \
+         below. Which injuries fail an attempt, and how much, is our judgement.\n\n",
+        100.0 * KEPT_WHEN_FAILED
     );
-    text.push_str("| injury | points each | at most | what counts |\n|---|---|---|---|\n");
+    text.push_str("| injury | each takes | serious | what counts |\n|---|---|---|---|\n");
     for p in &PENALTIES {
-        let _ = writeln!(text, "| {} | {} | {} | {} |", p.name, p.points, p.most, p.what);
+        let serious = if p.serious { "yes" } else { "" };
+        let _ = writeln!(text, "| {} | {:.1} % | {serious} | {} |", p.name, 100.0 * p.share, p.what);
     }
     text
 }

@@ -12,11 +12,17 @@ use protocol::events::{Event, EventKind};
 use protocol::handles::Tool;
 use protocol::limits::{INSTRUMENTS, MAX_STEP_NS};
 use protocol::time::Nanos;
-use scene::{Goal, SceneFile, TaskScene};
+use scene::{Goal, MAX_GOALS, SceneFile, TaskScene};
 use serde::{Deserialize, Serialize};
 
-/// Tears and pulls raise events repeatedly while they last; one counts in this time, ns.
+/// Tears and pulls raise events repeatedly while they last, a hand that trembles touches again and
+/// again; what comes within this time is the same injury, ns.
 const ONCE_NS: u64 = 1_000_000_000;
+/// A detached retina is pressed onto its place by the jaws that hold it: up to this depth that is
+/// work, mm.
+const PRESSED_MM: f64 = 0.1;
+/// Contacts nearer to each other than this are at one place, mm.
+const SAME_PLACE_MM: f64 = 0.5;
 
 /// What a score must know of a scene.
 #[derive(Debug, Clone)]
@@ -25,6 +31,8 @@ pub struct Scorer {
     band: Band,
     radius_mm: f64,
     touch_mm: f64,
+    /// Depth to which jaws may press a retina that they hold onto its place, mm.
+    press_mm: f64,
     /// Instrument 1 begins with a light pipe.
     pub(super) lit: bool,
     /// The hands that do the task: what they hold does what the goals ask for.
@@ -46,8 +54,10 @@ pub(super) struct InstrumentStats {
     contact: Option<Contact>,
     /// Its jaws hold tissue, or its needle is in the retina: what touches then is work.
     at_work: bool,
-    /// Last contact that was counted.
-    counted_ns: Nanos,
+    /// End of the last contact; where the last that counts was, mm, and whether it went in.
+    contact_end_ns: Nanos,
+    counted_at: Vector3<f64>,
+    counted_inside: bool,
 }
 
 /// A contact with the retina.
@@ -59,6 +69,8 @@ struct Contact {
     inside_sigmas: f64,
     /// Where it went into the retina, if it did: in the macula.
     macula: bool,
+    /// Where it was told last, mm.
+    at: Vector3<f64>,
 }
 
 /// Injuries of a kind.
@@ -79,7 +91,8 @@ pub struct Meter {
     pub(super) last_ns: Nanos,
     pub(super) ended: bool,
     pub(super) finished: bool,
-    pub(super) reached: u32,
+    /// Share of each goal that is done; 1 for those that are reached.
+    pub(super) done: [f64; MAX_GOALS],
     /// Sum of distances as shares of radii, of their variances, and how many.
     pub(super) missed: f64,
     pub(super) missed_variance: f64,
@@ -104,6 +117,7 @@ impl Scorer {
             band: Band::default(),
             radius_mm: scene.eye.retina_radius_mm,
             touch_mm: scene.contact.touch_mm,
+            press_mm: if scene.retina.is_some() { PRESSED_MM } else { 0.0 },
             lit: scene.instruments.get(1).is_some_and(|i| i.tool == Tool::LightPipe),
             at_task: at_task(scene),
         })
@@ -192,6 +206,7 @@ impl Scorer {
         let hand = (event.instrument as usize).min(INSTRUMENTS - 1);
         match kind {
             EventKind::GoalReached => self.note_goal(meter, event, tips),
+            EventKind::GoalProgress => meter.note_done(event.subject, event.value),
             EventKind::TaskFinished => (meter.ended, meter.finished) = (true, true),
             EventKind::TaskTimedOut => meter.ended = true,
             EventKind::PathLeft => meter.off_path_ns = event.exposed_ns,
@@ -227,6 +242,9 @@ impl Scorer {
                 let tally = &mut meter.injuries[injury as usize];
                 if tally.last_ns == 0 || event.exposed_ns >= tally.last_ns + ONCE_NS {
                     tally.add(f64::INFINITY, event.exposed_ns);
+                } else if injury == Injury::Pull {
+                    // A pull that goes on is one.
+                    tally.last_ns = event.exposed_ns;
                 }
             }
             None => {}
@@ -234,7 +252,7 @@ impl Scorer {
     }
 
     fn note_goal(&self, meter: &mut Meter, event: &Event, tips: &[Option<Tip>; INSTRUMENTS]) {
-        meter.reached += 1;
+        meter.note_done(event.subject, 1.0);
         let Some(goal) = self.task.goals.get(event.subject as usize) else { return };
         let Some(radius_mm) = goal.radius_mm() else { return };
         let hand = goal.instrument().unwrap_or(0) as usize;
@@ -251,9 +269,11 @@ impl Scorer {
         }
         let at = Vector3::from(event.position_in_eye_mm);
         let fovea = Vector3::new(0.0, 0.0, -self.radius_mm);
-        let depth_mm = if inside { event.value } else { -event.value };
-        let fresh = Contact { sigmas: 0.0, inside_sigmas: 0.0, macula: false };
+        let pressed_mm = if meter.instruments[hand].at_work { self.press_mm } else { 0.0 };
+        let depth_mm = if inside { event.value - pressed_mm } else { -event.value };
+        let fresh = Contact { sigmas: 0.0, inside_sigmas: 0.0, macula: false, at };
         let contact = meter.instruments[hand].contact.get_or_insert(fresh);
+        contact.at = at;
         contact.macula |= inside && (at - fovea).norm() < MACULA_MM;
         if let Some(tip) = &tips[hand] {
             contact.deepen(self.touch_mm, depth_mm, tip);
@@ -287,6 +307,12 @@ impl Meter {
         self.ended
     }
 
+    fn note_done(&mut self, goal: u32, share: f64) {
+        if let Some(done) = self.done.get_mut(goal as usize) {
+            *done = larger(*done, share).min(1.0);
+        }
+    }
+
     /// A pause, or another gap so long that the simulation stood still: it is no part of the
     /// attempt.
     fn skip_gap(&mut self, gap_ns: u64) {
@@ -311,7 +337,7 @@ impl Meter {
             h.filter.is_sound() && sums.iter().all(|s| s.is_finite())
         });
         let sums = [self.missed, self.missed_variance, self.off_path_s, self.out_of_view_s, self.dose_mj_mm2];
-        hands && sums.iter().all(|s| s.is_finite())
+        hands && sums.iter().chain(&self.done).all(|s| s.is_finite())
     }
 }
 
@@ -367,16 +393,22 @@ fn begin_work(meter: &mut Meter, hand: usize) {
     meter.instruments[hand].at_work = true;
 }
 
-/// A contact counts when it has ended; a hand that trembles at the retina makes one contact a
-/// second.
+/// A contact counts when it has ended. A hand that trembles at one place of the retina makes one:
+/// what comes within a second of the last there is the same, unless it goes in as the last did not.
 fn end_contact(meter: &mut Meter, hand: usize) {
     let now = meter.last_ns;
     let own = &mut meter.instruments[hand];
     let Some(contact) = own.contact.take() else { return };
-    if (own.at_work && !contact.is_inside()) || (own.counted_ns > 0 && now < own.counted_ns + ONCE_NS) {
+    if own.at_work && !contact.is_inside() {
         return;
     }
-    own.counted_ns = now;
+    let lasts = own.contact_end_ns > 0 && now < own.contact_end_ns + ONCE_NS;
+    own.contact_end_ns = now;
+    let same = lasts && (contact.at - own.counted_at).norm() < SAME_PLACE_MM;
+    if same && (own.counted_inside || !contact.is_inside()) {
+        return;
+    }
+    (own.counted_at, own.counted_inside) = (contact.at, contact.is_inside());
     let injury = match (contact.is_inside(), contact.macula) {
         (true, true) => Injury::Macula,
         (true, false) => Injury::Haemorrhage,

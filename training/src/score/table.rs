@@ -4,7 +4,7 @@
 use protocol::events::EventKind;
 
 /// Version of the score. Whoever changes a formula, weight, threshold or penalty counts it up.
-pub const VERSION: u32 = 4;
+pub const VERSION: u32 = 5;
 
 /// What is judged: the five categories that studies of the commercial device report (Vergmann et
 /// al. 2016, Acta Ophthalmologica, doi 10.1111/aos.13209).
@@ -83,8 +83,9 @@ pub const MACULA_MM: f64 = 2.75;
 /// A contact counts when it was deeper than its threshold by this many deviations of the tracked
 /// tip.
 pub const SIGMAS: f64 = 2.0;
-/// Injuries take no more points than this, those of [`Id::Injuries`] included.
-pub const MOST_PENALTY: f64 = 60.0;
+/// Share of its points that an attempt keeps when a serious injury fails it: however well all else
+/// was done, less than half of 100.
+pub const KEPT_WHEN_FAILED: f64 = 0.5;
 
 /// Makes the enum [`Id`] and the table [`METRICS`] from rows of number, category, key, name, unit,
 /// points, the figures from which on all and none of them are given, and formula.
@@ -118,7 +119,8 @@ macro_rules! metrics {
 
 metrics! {
     Goals = Target, "goals", "goals reached", "share", 25.0, 1.0 => 0.0,
-        "goals reached / goals of the task (events 111)";
+        "mean over the goals of the task: 1 for one that is reached (event 111), else the most of it that was done, in tenths (event 123): \
+         of its time, its path, its volume or its number of events";
     Precision = Target, "precision", "distance from the goals", "share of the radius", 5.0, 0.4 => 1.0,
         "mean over the goals reached that have a radius: mean distance of the smoothed tip (time constant 0.1 s) or body \
          from the goal while it was held / radius of the goal";
@@ -128,7 +130,7 @@ metrics! {
         "time of the attempt / par_s of the task; an attempt that is not finished gets no points";
     Way = Efficiency, "way", "way of the tips", "× the plan's", 8.0, 1.25 => 3.0,
         "sum over both instruments of the way of the smoothed tip (two time constants of 0.1 s, one after the other) in the \
-         eye / (par_mm of the task × share of goals reached)";
+         eye / (par_mm of the task × goals reached)";
     Tremor = Instruments, "tremor", "tremor", "µm RMS", 6.0, 30.0 => 120.0,
         "root of the mean square of the tip in the eye, all axes together, between 6 and 14 Hz (Butterworth, 4 poles at each \
          end), less what the tracker's covariance puts into the band; the worse of the hands at the task";
@@ -143,11 +145,13 @@ metrics! {
     Unlit = Microscope, "unlit", "working in the dark", "share", 4.0, 0.05 => 0.5,
         "share of the time in which the tip of instrument 0 is more than 0.6 rad off the axis of the light pipe in hand 1; only \
          tasks that begin with one there";
-    LightDose = Tissue, "light-dose", "light on the retina", "mJ/mm²", 5.0, 60.0 => 600.0,
+    LightDose = Tissue, "light-dose", "light on the retina", "mJ/mm²", 5.0, 8.0 => 40.0,
         "sum over time of 10 mW / (π (d · tan 0.6)²), where d is the distance along the light pipe from its tip to the retina, \
-         at least 0.5 mm; only tasks that begin with a light pipe in hand 1";
+         at least 0.5 mm; only tasks that begin with a light pipe in hand 1; ISO 15004-2 warns from 100 mJ/mm² (10 J/cm²) on, and \
+         surgery lasts many times as long as an exercise";
     Injuries = Tissue, "injuries", "points lost to injuries", "points", 15.0, 0.0 => 15.0,
-        "sum of the penalties below, at most 60; the category falls below 0 where they exceed 15";
+        "points of all metrics together, times the share that the injuries below take; the category falls below 0 where that \
+         exceeds its points";
 }
 
 /// An injury and what it costs.
@@ -155,10 +159,10 @@ metrics! {
 pub struct Penalty {
     /// Name for people and programs.
     pub name: &'static str,
-    /// Points for each.
-    pub points: f64,
-    /// Most that this kind takes.
-    pub most: f64,
+    /// Share of the points that each takes of what the others left, 0 to 1.
+    pub share: f64,
+    /// One of it fails the attempt ([`KEPT_WHEN_FAILED`]).
+    pub serious: bool,
     /// What counts as one.
     pub what: &'static str,
 }
@@ -180,45 +184,46 @@ pub enum Injury {
 pub const INJURIES: usize = 6;
 
 /// Every injury, by [`Injury`]. The first four are in the proportions of [`STUDIED`], to half a
-/// point; what the study does not list, a contact that goes into nothing and a pull, is less than
+/// per cent; what the study does not list, a contact that goes into nothing and a pull, is less than
 /// each of them.
 pub const PENALTIES: [Penalty; INJURIES] = [
     Penalty {
         name: "lens contact",
-        points: 24.0,
-        most: 48.0,
+        share: 0.48,
+        serious: true,
         what: "event 116 whose depth is beyond tracking noise",
     },
     Penalty {
         name: "macular haemorrhage",
-        points: 8.5,
-        most: 25.5,
+        share: 0.175,
+        serious: true,
         what: "a contact with the retina that goes into it (event 3) beyond tracking noise, within 2.75 mm of the fovea",
     },
     Penalty {
         name: "haemorrhage",
-        points: 7.5,
-        most: 30.0,
+        share: 0.145,
+        serious: false,
         what: "a contact with the retina that goes into it (event 3) beyond tracking noise, elsewhere",
     },
     Penalty {
         name: "retinal tear",
-        points: 6.0,
-        most: 24.0,
-        what: "event 15, 64 or 73 (rim torn off, retina torn, retina ripped), at most one a second",
+        share: 0.125,
+        serious: true,
+        what: "event 15, 64, 73 or 79 (rim torn off, retina torn, ripped or cut), at most one a second",
     },
     Penalty {
         name: "retina contact",
-        points: 4.0,
-        most: 20.0,
-        what: "a contact with the retina (event 2) that does not go into it, at most one a second for each hand; what jaws hold, or a needle is in \
-               (events 10 and 70 to 11, 12 and 71), is work",
+        share: 0.08,
+        serious: false,
+        what: "a contact with the retina (event 2) that does not go into it; what jaws hold, or a needle is in (events 10 and 70 to 11, 12 and \
+               71), is work, and so is pressing a detached retina on by up to 0.1 mm with the jaws that hold it. Contacts and haemorrhages of a hand within 0.5 mm that follow each other within a second are one",
     },
     Penalty {
         name: "pull at the retina",
-        points: 1.5,
-        most: 6.0,
-        what: "event 14, 62, 72, 77, 81 or 83 (pull of membrane or vitreous, needle or injection too fast), at most one a second",
+        share: 0.03,
+        serious: false,
+        what: "event 14, 62, 72, 77, 81 or 83 (pull of membrane or vitreous, needle or injection too fast); one that goes on is \
+               one",
     },
 ];
 
@@ -232,12 +237,12 @@ pub const STUDIED: [(Injury, f64); 4] =
 /// The injury that an event is by itself; contacts with the retina are followed, see the scorer.
 pub fn injury_of(kind: EventKind) -> Option<Injury> {
     use EventKind::{
-        BaseTraction, InjectionFast, NeedleFast, RetinaPulled, RetinaRipped, RetinaTorn, RimDetached,
-        RimForceHigh, VitreousTraction,
+        BaseTraction, InjectionFast, NeedleFast, RetinaCut, RetinaPulled, RetinaRipped, RetinaTorn,
+        RimDetached, RimForceHigh, VitreousTraction,
     };
     match kind {
         EventKind::LensTouched => Some(Injury::Lens),
-        RimDetached | RetinaTorn | RetinaRipped => Some(Injury::Tear),
+        RimDetached | RetinaTorn | RetinaRipped | RetinaCut => Some(Injury::Tear),
         RimForceHigh | RetinaPulled | NeedleFast | InjectionFast | VitreousTraction | BaseTraction => {
             Some(Injury::Pull)
         }
@@ -259,15 +264,14 @@ mod tests {
 
     #[test]
     fn the_lens_is_far_above_the_macula_and_that_above_tears_and_contacts() {
-        let points = |i: Injury| PENALTIES[i as usize].points;
-        assert!(points(Injury::Lens) >= 2.0 * points(Injury::Macula));
-        assert!(
-            points(Injury::Macula) > points(Injury::Tear) && points(Injury::Tear) > points(Injury::Contact)
-        );
-        assert!(points(Injury::Macula) > points(Injury::Haemorrhage));
+        let share = |i: Injury| PENALTIES[i as usize].share;
+        assert!(share(Injury::Lens) >= 2.0 * share(Injury::Macula));
+        assert!(share(Injury::Macula) > share(Injury::Tear) && share(Injury::Tear) > share(Injury::Contact));
+        assert!(share(Injury::Macula) > share(Injury::Haemorrhage));
         for (injury, studied) in STUDIED {
-            let share = points(Injury::Lens) * studied / STUDIED[0].1;
-            assert!((points(injury) - share).abs() <= 0.25, "{injury:?}: {share} by the study");
+            let by_study = share(Injury::Lens) * studied / STUDIED[0].1;
+            assert!((share(injury) - by_study).abs() <= 0.0025, "{injury:?}: {by_study} by the study");
         }
+        assert!(PENALTIES.iter().all(|p| p.share > 0.0 && p.share < 1.0), "each takes something, none all");
     }
 }

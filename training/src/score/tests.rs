@@ -2,7 +2,7 @@
 //! category, by the amount that the table says. The attempt is a reach and a hold with a light pipe
 //! beside it; events are injected where the simulation would tell them.
 
-use super::table::{Category, Injury, MACULA_MM, METRICS, PENALTIES};
+use super::table::{Category, Injury, KEPT_WHEN_FAILED, MACULA_MM, METRICS, PENALTIES};
 use super::*;
 use crate::sample::Sample;
 use bytemuck::Zeroable;
@@ -12,6 +12,8 @@ use protocol::geometry::Pose;
 use protocol::poses::TrackerFrame;
 use scene::{Goal, SceneFile, TaskScene};
 use surgeon::tremor::Tremor;
+
+mod injuries;
 
 const FIELDS: u64 = 500;
 const PERIOD: u64 = 20_000_000;
@@ -143,10 +145,12 @@ fn a_clean_attempt_brings_a_hundred() {
 
 #[test]
 fn goals_precision_and_the_path_are_target_achievement() {
+    // Half of the goals: half of everything.
     let missing = lost(|a| a.events.retain(|(_, e)| e.subject != 1));
-    // The way is judged by the share of goals too: it stays below its threshold here or the
-    // category moves as well.
-    assert!((missing[0] - 12.5).abs() < 1e-9 && missing[2..] == [0.0; 3], "{missing:?}");
+    let whole = score(&clean()).categories;
+    for c in [Category::Target, Category::Instruments, Category::Microscope, Category::Tissue] {
+        assert!((missing[c as usize] - 0.5 * whole[c as usize]).abs() < 1e-9, "{}: {missing:?}", c.name());
+    }
     let far =
         lost(|a| a.events.iter_mut().for_each(|(_, e)| e.value = if e.kind == 111 { 0.4 } else { e.value }));
     assert!(only(Category::Target, far, "precision") > 3.0);
@@ -214,7 +218,13 @@ fn the_hands_at_the_task_are_those_that_its_goals_ask_for() {
         |instrument| Goal::Hold { instrument, at_in_eye_mm: [0.0, 0.0, -8.0], radius_mm: 1.0, hold_s: 1.0 };
     let places = [[1.0, 0.0, -8.0], [-1.0, 0.0, -8.0]];
     let align = Goal::Align { at_in_eye_mm: places, radius_mm: 1.0, hold_s: 1.0 };
-    let peel = Goal::Event { event: EventKind::MembraneOff, what: "peel".into(), at_least: 0.0, count: 1 };
+    let peel = Goal::Event {
+        event: EventKind::MembraneOff,
+        what: "peel".into(),
+        at_least: 0.0,
+        count: 1,
+        early: false,
+    };
     assert_eq!(at_task(hold(0)), [true, false]);
     assert_eq!(at_task(hold(1)), [false, true], "the light pipe is to be led");
     assert_eq!(at_task(align), [true, true]);
@@ -254,51 +264,15 @@ fn view_and_light_are_microscope_handling_and_the_light_dose_is_tissue_treatment
     assert!((close[0], close[1], close[2]) == (0.0, 0.0, 0.0));
 }
 
-/// What is done to the tissue, the points that it must cost, and the events with their steps.
-type Harm = (&'static str, f64, Vec<(u64, Event)>);
-
 #[test]
-fn each_injury_costs_what_the_table_says_and_nothing_else() {
-    let points = |i: Injury| PENALTIES[i as usize].points;
-    let (macula, away) = ([0.5, 0.0, -11.49], [6.0, 0.0, -9.81]);
-    let cases: [Harm; 7] = [
-        ("lens", points(Injury::Lens), vec![by_tip(100, EventKind::LensTouched, 0.2, [0.0, 0.0, 5.0])]),
-        ("contact", points(Injury::Contact), vec![by_tip(100, EventKind::RetinaTouched, 0.04, away)]),
-        (
-            "haemorrhage",
-            points(Injury::Haemorrhage),
-            vec![
-                by_tip(100, EventKind::RetinaTouched, 0.04, away),
-                by_tip(101, EventKind::RetinaPenetrated, 0.1, away),
-            ],
-        ),
-        (
-            "macula",
-            points(Injury::Macula),
-            vec![
-                by_tip(100, EventKind::RetinaTouched, 0.04, macula),
-                by_tip(101, EventKind::RetinaPenetrated, 0.1, macula),
-                by_tip(102, EventKind::RetinaPenetrated, 0.2, macula),
-                by_tip(120, EventKind::RetinaLeft, 0.4, macula),
-            ],
-        ),
-        (
-            "tear",
-            points(Injury::Tear),
-            vec![event(100, EventKind::RetinaRipped, 3.0), event(110, EventKind::RetinaRipped, 3.0)],
-        ),
-        (
-            "two tears",
-            2.0 * points(Injury::Tear),
-            vec![event(100, EventKind::RetinaTorn, 3.0), event(200, EventKind::RetinaTorn, 3.0)],
-        ),
-        ("pull", points(Injury::Pull), vec![event(100, EventKind::RetinaPulled, 9e3)]),
-    ];
-    for (what, points, events) in cases {
-        let lost = lost(|a| a.events.extend(events));
-        assert!((only(Category::Tissue, lost, what) - points).abs() < 1e-9, "{what}: {lost:?}");
-    }
-    const { assert!(MACULA_MM < 6.0) };
+fn who_does_nothing_gets_nothing() {
+    let mut idle = clean();
+    idle.tip = Box::new(|_| [0.0, 0.0, -8.0]);
+    idle.events =
+        vec![event(0, EventKind::TaskStarted, 60.0), event(FIELDS - 1, EventKind::TaskTimedOut, 2.0)];
+    let score = score(&idle);
+    assert_eq!((score.total, score.categories), (0.0, [0.0; CATEGORIES]));
+    assert!(score.took_s > 9.0 && !score.finished && score.failed.is_none());
 }
 
 #[test]
@@ -340,7 +314,7 @@ fn an_attempt_that_is_broken_off_is_scored_as_it_stands() {
     let mut attempt = clean();
     attempt.fields = 250;
     let score = score(&attempt);
-    assert!(!score.finished && score.total < 80.0);
+    assert!(!score.finished && score.total > 20.0 && score.total < 50.0, "{}", score.total);
     assert_eq!(score.metrics[Id::Time as usize].points, 0.0, "unfinished");
     assert_eq!(METRICS[Id::Time as usize].key, score.metrics[Id::Time as usize].key);
 }
@@ -350,11 +324,7 @@ fn an_attempt_that_is_broken_off_is_scored_as_it_stands() {
 fn fault(id: Id, a: &mut Attempt) {
     let sine = |mm: f64, hz: f64| move |t: f64| mm * (hz * std::f64::consts::TAU * t).sin();
     match id {
-        Id::Goals => {
-            a.events.retain(|(_, e)| e.subject != 1);
-            // Half of the goals is half of the way, or the way would fall, too.
-            a.tip = Box::new(move |t| [sine(3.0, 0.1)(t), 0.0, -8.0]);
-        }
+        Id::Goals => unreachable!("scales all others"),
         Id::Precision => {
             let goals = a.events.iter_mut().filter(|(_, e)| e.kind == EventKind::GoalReached as u32);
             goals.for_each(|(_, e)| e.value = 0.4);
@@ -419,6 +389,10 @@ fn one_fault_lowers_one_metric_and_one_category() {
     let whole = score(&clean());
     for (i, id) in ALL.into_iter().enumerate() {
         assert_eq!(id as usize, i, "every metric once");
+        if id == Id::Goals {
+            // By its share every other metric is scaled: see the test of goals.
+            continue;
+        }
         let mut attempt = clean();
         fault(id, &mut attempt);
         attempt.events.sort_by_key(|(field, _)| *field);
@@ -437,32 +411,4 @@ fn one_fault_lowers_one_metric_and_one_category() {
             assert!((other == category) == (lost.abs() > 0.02), "{name}: {} lost {lost}", other.name());
         }
     }
-}
-
-#[test]
-fn the_retina_in_jaws_and_under_a_needle_is_work_and_trembling_is_one_contact_a_second() {
-    let away = [6.0, 0.0, -9.81];
-    let touch = |field| {
-        [
-            by_tip(field, EventKind::RetinaTouched, 0.04, away),
-            by_tip(field + 4, EventKind::RetinaLeft, 0.1, away),
-        ]
-    };
-    let contacts = |events: Vec<(u64, Event)>| {
-        let mut attempt = clean();
-        attempt.events.extend(events);
-        attempt.events.sort_by_key(|(field, _)| *field);
-        score(&attempt).injuries[Injury::Contact as usize]
-    };
-    assert_eq!(contacts(touch(100).to_vec()), 1);
-    let trembling: Vec<_> = (0..5).flat_map(|k| touch(100 + 8 * k)).collect();
-    assert_eq!(contacts(trembling), 1, "0.8 s of it");
-    assert_eq!(contacts([touch(100), touch(200)].concat()), 2);
-    let grab = |field, kind| by_tip(field, kind, 5.0, away);
-    let held = vec![grab(102, EventKind::TissueGrabbed), grab(300, EventKind::TissueReleased)];
-    assert_eq!(contacts([touch(100).to_vec(), held.clone()].concat()), 0, "the touch that takes hold");
-    assert_eq!(contacts([held.clone(), touch(200).to_vec()].concat()), 0, "what is in the jaws");
-    assert_eq!(contacts([held, touch(350).to_vec()].concat()), 1, "after it was let go");
-    let pierced = vec![grab(102, EventKind::RetinaPierced), grab(300, EventKind::BlebFilled)];
-    assert_eq!(contacts([touch(100).to_vec(), pierced, touch(290).to_vec()].concat()), 0);
 }

@@ -2,7 +2,8 @@
 
 use super::Observation;
 use nalgebra::Vector3;
-use protocol::events::{EventDraft, EventKind};
+use protocol::events::{Event, EventDraft, EventKind};
+use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use protocol::time::Nanos;
 use scene::Goal;
@@ -24,6 +25,8 @@ pub struct GoalState {
     since_ns: Nanos,
     /// Events counted.
     count: u32,
+    /// Most of it that was done so far, in tenths; 10 is all.
+    tenths: u32,
     /// Way along the path, mm.
     along_mm: f64,
     /// On the path at all.
@@ -50,10 +53,34 @@ impl GoalState {
         self.along_mm.is_finite() && self.sum_mm.is_finite()
     }
 
+    /// Notes that a share of it is done; the most so far counts.
+    fn note_share(&mut self, share: f64) {
+        // Sums of times are not exact; a share that is no number becomes none.
+        self.tenths = self.tenths.max((share * 10.0 + 1e-6) as u32).min(9);
+    }
+
+    /// Tenths of it that are done, of a goal that is not reached.
+    pub(super) fn tenths(&self) -> u32 {
+        self.tenths
+    }
+
     /// Nothing moved for so long.
     pub(super) fn skip_gap(&mut self, gap_ns: u64) {
         let clocks = [&mut self.since_ns, &mut self.outside_ns];
         clocks.into_iter().filter(|since| **since > 0).for_each(|since| *since += gap_ns);
+    }
+
+    /// Counts events before the goal's turn, where it asks for that.
+    pub(super) fn note_early(&mut self, goal: &Goal, events: &[Event]) {
+        if let Goal::Event { early: true, .. } = goal {
+            self.count_events(goal, events);
+        }
+    }
+
+    fn count_events(&mut self, goal: &Goal, events: &[Event]) {
+        let Goal::Event { event, at_least, .. } = goal else { return };
+        let own = events.iter().filter(|e| e.kind == *event as u32 && e.value >= *at_least);
+        self.count = self.count.saturating_add(own.count() as u32);
     }
 
     fn miss(&mut self, mm: f64) {
@@ -71,7 +98,9 @@ impl GoalState {
             self.since_ns = now_ns;
         }
         self.miss(mm);
-        self.reached = now_ns.saturating_sub(self.since_ns) as f64 * 1e-9 >= hold_s;
+        let held_s = now_ns.saturating_sub(self.since_ns) as f64 * 1e-9;
+        self.reached = held_s >= hold_s;
+        self.note_share(held_s / hold_s);
     }
 }
 
@@ -113,7 +142,9 @@ impl Check<'_> {
                 self.keep(own, placed.filter(|mm| mm <= radius_mm), PLACED_S);
             }
             Goal::Gel { zone, removed_ml, .. } => {
-                own.reached = self.seen.gel_ml.is_some_and(|ml| ml[*zone as usize] >= *removed_ml);
+                let share = self.seen.gel_ml.map_or(0.0, |ml| ml[*zone as usize] / removed_ml);
+                own.reached = share >= 1.0;
+                own.note_share(share);
             }
             Goal::Retina { turned_rad, loose_share, hold_s, .. } => {
                 let there = self
@@ -122,13 +153,19 @@ impl Check<'_> {
                     .filter(|r| r.turned_rad.abs() >= *turned_rad && r.loose_share <= *loose_share);
                 self.keep(own, there.map(|_| 0.0), *hold_s);
             }
-            Goal::Event { event, at_least, count, .. } => {
-                let kind =
-                    self.seen.events.iter().filter(|e| e.kind == *event as u32 && e.value >= *at_least);
-                own.count = own.count.saturating_add(kind.count() as u32);
-                own.reached = own.count >= *count;
+            Goal::Event { count, .. } => {
+                own.count_events(goal, self.seen.events);
+                own.reached = own.count >= *count && !self.hurts_retina();
+                own.note_share(f64::from(own.count.min(count - 1)) / f64::from(*count));
             }
         }
+    }
+
+    /// A tip is in the retina that has no business there; a needle's has. What is reached meanwhile
+    /// counts once the tip is out.
+    fn hurts_retina(&self) -> bool {
+        let hurts = |(inside, tool): (&bool, &u32)| *inside && *tool != Tool::Needle as u32;
+        self.seen.in_retina.iter().zip(&self.seen.tools).any(hurts)
     }
 
     fn keep(&self, own: &mut GoalState, off_mm: Option<f64>, hold_s: f64) {
@@ -217,6 +254,7 @@ impl Check<'_> {
         own.along_mm = along;
         own.miss(self.smooth_mm[instrument].map_or(off, |p| nearest_ahead(path, &p, along - AHEAD_MM).1));
         own.reached = along >= length_mm(path) - END_MM;
+        own.note_share(along / length_mm(path));
     }
 }
 

@@ -1,7 +1,7 @@
 //! The page: tables in the form that documents have.
 
 use crate::numbers::{deviation, effect, mean, range};
-use crate::{CARELESS_BELOW, EXPERT_FROM, Outcome};
+use crate::{CARELESS_BELOW, EXPERT_FROM, IDLE_UP_TO, Outcome, within};
 use std::fmt::Write;
 use surgeon::skill::Skill;
 use training::score::Score;
@@ -39,16 +39,17 @@ impl Part1<'_> {
 
     /// Points by category, and how many attempts were finished.
     fn categories(&self) -> String {
-        let mut out = String::from("| module | surgeon | finished |");
+        let mut out = String::from("| module | surgeon | finished | failed |");
         Category::ALL.iter().for_each(|c| {
             let _ = write!(out, " {} (of {}) |", c.name(), c.points());
         });
-        let _ = writeln!(out, "\n{}|", "|---".repeat(3 + CATEGORIES));
+        let _ = writeln!(out, "\n{}|", "|---".repeat(4 + CATEGORIES));
         for outcome in self.outcomes {
             for (surgeon, scores) in self.surgeons.iter().zip(&outcome.scores) {
                 let finished = scores.iter().filter(|s| s.finished).count();
-                let _ =
-                    write!(out, "| {} | {} | {finished} of {} |", outcome.module, surgeon.name, scores.len());
+                let failed = scores.iter().filter(|s| s.failed.is_some()).count();
+                let (module, name, all) = (&outcome.module, surgeon.name, scores.len());
+                let _ = write!(out, "| {module} | {name} | {finished} of {all} | {failed} |");
                 for c in 0..CATEGORIES {
                     let _ = write!(out, " {:.1} |", of(scores, |s| s.categories[c]));
                 }
@@ -70,9 +71,10 @@ impl Part1<'_> {
                 let (name, all) = (&outcome.module, scores.len());
                 let _ = writeln!(
                     out,
-                    "{name:<12} {:<9} {}  {low:5.1} to {high:5.1}, finished {finished} of {all}, {:.1} s",
+                    "{name:<12} {:<9} {}  {low:5.1} to {high:5.1}, finished {finished} of {all}, failed {}, {:.1} s",
                     surgeon.name,
                     c.join(" "),
+                    scores.iter().filter(|s| s.failed.is_some()).count(),
                     of(scores, |s| s.took_s)
                 );
                 if verbose {
@@ -110,17 +112,15 @@ fn metrics(out: &mut String, scores: &[Score]) {
 /// The whole page.
 pub fn page(part1: &Part1, level: u32, part2: &str) -> String {
     let (seeds, attempts) = (part1.seeds, part1.seeds as usize * part1.outcomes.len() * part1.surgeons.len());
-    let fits = part1.outcomes.iter().filter(|o| o.holds()).count();
+    let fits = part1.outcomes.iter().filter(|o| o.holds(part1.surgeons)).count();
     let all = part1.outcomes.len();
-    let expert: usize = part1.outcomes.iter().flat_map(|o| &o.scores[0]).filter(|s| s.finished).count();
-    let above = part1.outcomes.iter().flat_map(|o| &o.scores[0]).filter(|s| s.total >= EXPERT_FROM).count();
-    let below = part1
-        .outcomes
-        .iter()
-        .filter_map(|o| o.scores.get(3))
-        .flatten()
-        .filter(|s| s.total < CARELESS_BELOW)
-        .count();
+    let names: Vec<&str> = part1.surgeons.iter().map(|s| s.name).collect();
+    let good = |name: &str| {
+        let place = names.iter().position(|n| *n == name);
+        let own = part1.outcomes.iter().filter_map(|o| o.scores.get(place?)).flatten();
+        own.filter(|score| within(&part1.surgeons[place.unwrap_or(0)], score)).count()
+    };
+    let (expert, careless, idle) = (good("expert"), good("careless"), good("idle"));
     let each = all * seeds as usize;
     format!(
         "# Study: does the score tell surgeons apart?
@@ -134,14 +134,16 @@ has hands that are not ours.
 
 ## Part 1: scripted surgeons
 
-The surgeons are four sets of parameters in `surgeon/src/skill.rs`: expert, average, novice, careless.
+The surgeons are sets of parameters in `surgeon/src/skill.rs`: {}. Idle hands move once, by which the attempt
+begins, and rest until the time is over.
 
 ![Points of every attempt, by module and surgeon](study.png)
 
 Each point is an attempt, each line the mean of a surgeon. Grey: {EXPERT_FROM} and {CARELESS_BELOW} points.
 
-Of {each} attempts of the expert {expert} were finished and {above} brought {EXPERT_FROM} points or more; of {each} of the careless one {below} brought less than
-{CARELESS_BELOW}. In {fits} of {all} modules every attempt is within these bounds, and the means stand in the order expert > average > novice > careless.
+Of {each} attempts of the expert {expert} were finished and brought {EXPERT_FROM} points or more; of {each} of the careless one {careless} brought less than
+{CARELESS_BELOW}; of {each} of idle hands {idle} brought {IDLE_UP_TO} or less. In {fits} of {all} modules every attempt is within these bounds, and the means stand
+in the order {}.
 
 Points: mean ± deviation (least to most). d: Cohen's, the difference of two means in pooled deviations.
 
@@ -150,6 +152,8 @@ Means by category, points:
 
 {}
 {part2}",
+        names.join(", "),
+        names.join(" > "),
         part1.table(),
         part1.categories()
     )

@@ -18,7 +18,8 @@ const INK: Rgb<u8> = Rgb([40, 40, 40]);
 const GRID: Rgb<u8> = Rgb([228, 228, 228]);
 const BOUND: Rgb<u8> = Rgb([150, 150, 150]);
 /// Colours that people with any colour vision tell apart (Okabe and Ito 2008).
-const COLOURS: [Rgb<u8>; 4] = [Rgb([0, 114, 178]), Rgb([0, 158, 115]), Rgb([230, 159, 0]), Rgb([213, 94, 0])];
+const COLOURS: [Rgb<u8>; 5] =
+    [Rgb([0, 114, 178]), Rgb([0, 158, 115]), Rgb([230, 159, 0]), Rgb([213, 94, 0]), Rgb([120, 120, 120])];
 
 struct Chart {
     picture: RgbImage,
