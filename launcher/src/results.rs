@@ -20,6 +20,8 @@ pub const BEGAN: &str = "began-s";
 pub const SURGEON: &str = "surgeon";
 /// Key of the same: the input devices or file of inputs at the desk.
 pub const DESK: &str = "desk";
+/// Trainees that a refusal names at most.
+const NAMED: usize = 12;
 /// Value of `--plot` without a file.
 const TERMINAL: &str = "terminal";
 
@@ -73,12 +75,15 @@ enum What {
         #[arg(value_name = "FILE.mcap", required = true)]
         files: Vec<PathBuf>,
     },
-    /// Delete a trainee and every attempt.
+    /// Delete one attempt of a trainee, or a trainee with every attempt.
     Delete {
         #[command(flatten)]
         place: Place,
         /// The pseudonym.
         trainee: String,
+        /// Delete only this attempt, by its number in `vitreo results`.
+        #[arg(long, value_name = "N")]
+        attempt: Option<i64>,
         /// Delete the recordings too.
         #[arg(long)]
         recordings: bool,
@@ -147,6 +152,8 @@ pub fn attempt_of(recording: &Recording, scored: &score::Attempt) -> Attempt {
         total: score.total,
         sigma: score.sigma,
         finished: score.finished,
+        broken_off: !scored.ended,
+        failed: score.failed.map(Into::into),
         took_s: score.took_s,
         categories: Category::ALL.iter().zip(&score.categories).map(category).collect(),
         metrics: score.metrics.iter().map(metric).collect(),
@@ -164,16 +171,31 @@ pub fn keep(store: &mut Store, trainee: &str, file: &Path) -> anyhow::Result<()>
     if let Some(damage) = &scored.damage {
         bail!("{damage}; an attempt that cannot be read to its end is not kept");
     }
-    if !scored.ended {
-        bail!("{}: the attempt does not end in it and is not kept", file.display());
+    if !scored.ended && scored.score.took_s == 0.0 {
+        bail!("{}: the attempt was not begun and is not kept", file.display());
     }
     let mut attempt = attempt_of(&Recording::open(file)?, &scored);
     attempt.recording_sha256 = Some(sha256_of(file).with_context(|| file.display().to_string())?);
     match store.add(trainee, &attempt)? {
-        Some(id) => inform(&format!("kept as attempt {id} of {trainee}: {:.2} points", attempt.total)),
+        Some(id) => {
+            let end = ending(&attempt).map_or(String::new(), |end| format!(", {end}"));
+            inform(&format!("kept as attempt {id} of {trainee}: {:.2} points{end}", attempt.total));
+        }
         None => inform(&format!("{}: {trainee} has this attempt already", file.display())),
     }
     Ok(())
+}
+
+/// How an attempt ended, where it did not end well.
+fn ending(attempt: &Attempt) -> Option<String> {
+    match (&attempt.failed, attempt.broken_off, attempt.finished) {
+        (Some(injury), broken_off, _) => {
+            Some(format!("failed: {injury}{}", if broken_off { ", broken off" } else { "" }))
+        }
+        (None, true, _) => Some("broken off".into()),
+        (None, false, false) => Some("not finished".into()),
+        (None, false, true) => None,
+    }
 }
 
 /// Runs it.
@@ -184,7 +206,9 @@ pub fn run(args: &ResultsArgs) -> anyhow::Result<ExitCode> {
     match &args.what {
         None => show(args),
         Some(What::Add { place, trainee, files }) => add(place, trainee, files),
-        Some(What::Delete { place, trainee, recordings }) => delete(place, trainee, *recordings),
+        Some(What::Delete { place, trainee, attempt, recordings }) => {
+            delete(place, trainee, *attempt, *recordings)
+        }
         Some(What::Trainees { place }) => {
             for (name, attempts) in Store::open(&place.path()?)?.trainees()? {
                 println!("{name:<24} {attempts:>6} attempts");
@@ -210,12 +234,32 @@ fn add(place: &Place, trainee: &str, files: &[PathBuf]) -> anyhow::Result<ExitCo
     Ok(ExitCode::from(code))
 }
 
-fn delete(place: &Place, trainee: &str, with_recordings: bool) -> anyhow::Result<ExitCode> {
+fn delete(
+    place: &Place,
+    trainee: &str,
+    attempt: Option<i64>,
+    with_recordings: bool,
+) -> anyhow::Result<ExitCode> {
     let path = place.path()?;
-    let Some((attempts, recordings)) = Store::open(&path)?.delete(trainee)? else {
-        bail!("{}: no trainee '{trainee}'", path.display());
+    let mut store = Store::open(&path)?;
+    check_trainee(&store, &path, trainee)?;
+    let recordings = match attempt {
+        Some(id) => {
+            let Some(recordings) = store.delete_attempt(trainee, id)? else {
+                bail!(
+                    "{}: {trainee} has no attempt {id}; vitreo results --trainee {trainee} lists them",
+                    path.display()
+                );
+            };
+            println!("attempt {id} of {trainee} deleted");
+            recordings
+        }
+        None => {
+            let (attempts, recordings) = store.delete(trainee)?.unwrap_or_default();
+            println!("{trainee} and {attempts} attempts deleted");
+            recordings
+        }
     };
-    println!("{trainee} and {attempts} attempts deleted");
     let mut code = ExitCode::SUCCESS;
     for recording in recordings.iter().filter(|r| Path::new(&r.path).exists()) {
         let path = &recording.path;
@@ -229,6 +273,18 @@ fn delete(place: &Place, trainee: &str, with_recordings: bool) -> anyhow::Result
         }
     }
     Ok(code)
+}
+
+/// Refuses a pseudonym that the store does not know, and names those it does.
+fn check_trainee(store: &Store, path: &Path, trainee: &str) -> anyhow::Result<()> {
+    let known = store.trainees()?;
+    if known.iter().any(|(name, _)| name == trainee) {
+        return Ok(());
+    }
+    let names: Vec<&str> = known.iter().take(NAMED).map(|(name, _)| name.as_str()).collect();
+    let more = if known.len() > NAMED { ", …" } else { "" };
+    let there = if names.is_empty() { "nobody is".into() } else { format!("{}{more} are", names.join(", ")) };
+    bail!("{}: no trainee '{trainee}'; {there} in it", path.display())
 }
 
 /// Removes a recording if it is that of the attempt still, and nobody else's.
@@ -251,7 +307,9 @@ fn show(args: &ResultsArgs) -> anyhow::Result<ExitCode> {
     for file in plot.into_iter().chain(args.csv.as_deref()).chain(args.parquet.as_deref()) {
         outputs.claim(file)?;
     }
-    let attempts = Store::open(&place)?.attempts(&Filter { trainee, module, level: args.level })?;
+    let store = Store::open(&place)?;
+    trainee.as_deref().map_or(Ok(()), |name| check_trainee(&store, &place, name))?;
+    let attempts = store.attempts(&Filter { trainee, module, level: args.level })?;
     let told = [args.plot.is_some(), args.csv.is_some(), args.parquet.is_some()].contains(&true);
     if !told {
         print!("{}", list(&attempts));
@@ -269,7 +327,7 @@ fn show(args: &ResultsArgs) -> anyhow::Result<ExitCode> {
 fn draw(attempts: &[Stored], outputs: &mut Outputs, file: &Path) -> anyhow::Result<()> {
     let (curves, left_out) = curve::curves(attempts);
     if left_out > 0 {
-        warn(&format!("{left_out} attempts have a score of an older version and are left out"));
+        warn(&format!("{left_out} attempts are left out: broken off, or with a score of an older version"));
     }
     if file == Path::new(TERMINAL) {
         print!("{}", terminal::plot(&curves));
@@ -325,7 +383,7 @@ fn list(attempts: &[Stored]) -> String {
     }
     for Stored { id, trainee, at, attempt: a } in attempts {
         let score = format!("{:.2} ± {:.2}", a.total, a.sigma);
-        let end = if a.finished { "" } else { "  not finished" };
+        let end = ending(a).map_or(String::new(), |end| format!("  {end}"));
         let _ = writeln!(
             text,
             "{id:>7}  {at:<20}  {trainee:<16} {:<14} {:>5} {score:>15} {:>6.1} s{end}",
@@ -361,13 +419,13 @@ mod tests {
     }
 
     #[test]
-    fn a_recording_becomes_an_attempt_and_one_broken_off_is_not_kept() {
+    fn a_recording_becomes_an_attempt_and_one_not_begun_is_not_kept() {
         let folder = tempfile::tempdir().unwrap();
         let (file, store) = (folder.path().join("a.mcap"), folder.path().join("r.sqlite"));
         crate::score_batch::tests::broken_off(&file);
         let mut store = Store::open_or_create(&store).unwrap();
         let problem = keep(&mut store, "t7", &file).unwrap_err().to_string();
-        assert!(problem.contains("a.mcap") && problem.contains("not kept"), "{problem}");
+        assert!(problem.contains("a.mcap") && problem.contains("not begun"), "{problem}");
         let attempt = attempt_of(&Recording::open(&file).unwrap(), &score::score_file(&file).unwrap());
         assert_eq!((attempt.at_s, attempt.seed, attempt.surgeon.as_deref()), (1_032_942_600, Some(42), None));
         assert_eq!(attempt.categories.iter().map(|c| c.of).sum::<f64>(), 100.0);
@@ -391,11 +449,35 @@ mod tests {
     }
 
     #[test]
+    fn a_trainee_or_attempt_that_is_not_there_is_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("r.sqlite");
+        let store = path.display().to_string();
+        let id = Store::open_or_create(&path).unwrap().add("t7", &Attempt::default()).unwrap().unwrap();
+        let refused = |words: &[&str]| {
+            let words = [words, &["--store", &store]].concat();
+            format!("{:#}", run(&parse(&words).unwrap()).unwrap_err())
+        };
+        for words in [&["--trainee", "t9"][..], &["--trainee", "t9", "--csv", "-"], &["delete", "t9"]] {
+            let problem = refused(words);
+            assert!(problem.contains("no trainee 't9'") && problem.contains("t7 are in it"), "{problem}");
+        }
+        let missing = refused(&["delete", "t7", "--attempt", "99"]);
+        assert!(missing.contains("t7 has no attempt 99"), "{missing}");
+        run(&parse(&["delete", "t7", "--attempt", &id.to_string(), "--store", &store]).unwrap()).unwrap();
+        assert_eq!(Store::open(&path).unwrap().trainees().unwrap(), [("t7".into(), 0)]);
+    }
+
+    #[test]
     fn a_list_shows_what_was_not_finished() {
         let attempt =
             Attempt { module: "shadow".into(), level: 2, total: 40.0, took_s: 9.5, ..Attempt::default() };
-        let stored = Stored { id: 3, trainee: "t7".into(), at: "2002-09-25T08:30:00Z".into(), attempt };
-        let text = list(&[stored]);
+        let stored =
+            |attempt| Stored { id: 3, trainee: "t7".into(), at: "2002-09-25T08:30:00Z".into(), attempt };
+        let broken = Attempt { broken_off: true, ..attempt.clone() };
+        let failed = Attempt { failed: Some("lens contact".into()), finished: true, ..attempt.clone() };
+        let text = list(&[stored(attempt), stored(broken), stored(failed)]);
+        assert!(text.contains("  broken off\n") && text.contains("  failed: lens contact\n"), "{text}");
         assert!(
             text.contains("t7") && text.contains("40.00 ± 0.00") && text.contains("not finished"),
             "{text}"

@@ -29,7 +29,7 @@ mod watch;
 
 pub use arguments::share;
 pub use load::Load;
-pub use options::{DeskArgs, RunArgs};
+pub use options::{ARRANGEMENTS, DeskArgs, RunArgs};
 pub use policy::MAX_RESTARTS;
 pub use watch::{Warning, Watch};
 
@@ -102,18 +102,17 @@ fn attempt_text(attempt: &Attempt, attempts: usize) -> String {
     if attempts > 1 && !text.is_empty() { format!("level {}: {text}", attempt.level) } else { text }
 }
 
-/// Keeps the attempts in the results store. Those broken off by a restart are left out; a single
-/// one that did not end is an error.
+/// Keeps the attempts in the results store, those broken off too. One that was not begun is left
+/// out; where it is the only one that is an error.
 fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Result<()> {
     let mut store = Store::open_or_create(&args.store.path()?)?;
     let open_end = args.stay || args.desk.is_some() || attempts.len() > 1;
     for attempt in attempts {
         let Some(file) = &attempt.record else { continue };
-        if open_end && attempt.live.total.is_none() {
-            warn(&format!("{}: broken off, and not kept", file.display()));
-            continue;
+        match keep(&mut store, trainee, file) {
+            Err(problem) if open_end && attempt.live.total.is_none() => warn(&format!("{problem:#}")),
+            kept => kept.context("the attempt is not in the results store")?,
         }
-        keep(&mut store, trainee, file).context("the attempt is not in the results store")?;
     }
     Ok(())
 }

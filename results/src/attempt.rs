@@ -44,6 +44,10 @@ pub struct Attempt {
     pub sigma: f64,
     /// Every goal was reached in time.
     pub finished: bool,
+    /// It was left before its end; the points are those it had by then.
+    pub broken_off: bool,
+    /// The serious injury that failed it.
+    pub failed: Option<String>,
     /// Time of the attempt, s.
     pub took_s: f64,
     /// Points by category.

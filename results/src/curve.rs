@@ -12,11 +12,12 @@ pub struct Curve {
 }
 
 /// The curves of some attempts, which must be in the order of time, and how many attempts are left
-/// out: those of an older version of the score, which are not to be compared with the newest.
+/// out: those broken off, and those of an older version of the score, which are not to be compared
+/// with the newest.
 pub fn curves(attempts: &[Stored]) -> (Vec<Curve>, usize) {
     let newest = attempts.iter().map(|s| s.attempt.score_version).max().unwrap_or(0);
     let mut curves: Vec<Curve> = Vec::new();
-    let comparable = attempts.iter().filter(|s| s.attempt.score_version == newest);
+    let comparable = attempts.iter().filter(|s| s.attempt.score_version == newest && !s.attempt.broken_off);
     for Stored { trainee, attempt, .. } in comparable {
         let label = format!("{trainee} {} {}", attempt.module, attempt.level);
         let place = curves.iter().position(|c| c.label == label).unwrap_or_else(|| {
@@ -54,17 +55,20 @@ pub(crate) mod tests {
 
     #[test]
     fn each_trainee_has_a_curve_for_each_module_of_the_newest_score() {
+        let mut broken_off = stored("a", "shadow", 2, 10.0);
+        broken_off.attempt.broken_off = true;
         let all = [
             stored("b", "shadow", 2, 40.0),
             stored("a", "shadow", 1, 99.0),
             stored("a", "shadow", 2, 30.0),
             stored("a", "forceps", 2, 20.0),
             stored("a", "shadow", 2, 50.0),
+            broken_off,
         ];
         let (curves, left_out) = curves(&all);
         let labels: Vec<_> = curves.iter().map(|c| (c.label.as_str(), c.scores.len())).collect();
         assert_eq!(labels, [("a forceps 1", 1), ("a shadow 1", 2), ("b shadow 1", 1)]);
-        assert_eq!((curves[1].scores.clone(), left_out), (vec![(30.0, 1.5), (50.0, 1.5)], 1));
+        assert_eq!((curves[1].scores.clone(), left_out), (vec![(30.0, 1.5), (50.0, 1.5)], 2));
         assert_eq!(longest(&curves), 2);
         assert_eq!(super::curves(&[]), (Vec::new(), 0));
     }

@@ -8,7 +8,7 @@ pub const APPLICATION_ID: i32 = 0x7669_7472;
 pub const VERSION: usize = STEPS.len();
 
 /// `STEPS[n]` leads from version n to n + 1; an empty file has version 0.
-pub const STEPS: [&str; 2] = [
+pub const STEPS: [&str; 3] = [
     // AUTOINCREMENT: numbers of deleted rows do not come back, so that nothing is taken for what it
     // is not.
     "CREATE TABLE trainees (
@@ -48,4 +48,7 @@ pub const STEPS: [&str; 2] = [
      DELETE FROM attempts WHERE recording_sha256 IS NOT NULL AND id NOT IN (
          SELECT min(id) FROM attempts GROUP BY trainee, recording_sha256, score_version);
      CREATE UNIQUE INDEX attempts_by_recording ON attempts (trainee, recording_sha256, score_version);",
+    // Attempts that were broken off, and what failed the others; before, only ended ones were kept.
+    "ALTER TABLE attempts ADD COLUMN broken_off INTEGER NOT NULL DEFAULT 0;
+     ALTER TABLE attempts ADD COLUMN failed TEXT;",
 ];

@@ -269,7 +269,33 @@ impl Store {
         let attempts = self.attempts(&filter)?;
         let deleted =
             self.change(|change| change.execute("DELETE FROM trainees WHERE pseudonym = ?1", [trainee]))?;
-        let named = attempts.iter().filter_map(|s| Some((s.attempt.recording.as_ref()?, &s.attempt)));
+        let recordings = self.recordings_of(&attempts)?;
+        Ok((deleted > 0).then_some((attempts.len(), recordings)))
+    }
+
+    /// Deletes one attempt of a trainee; returns the recording that it names. `None` if the trainee
+    /// has no attempt of that number.
+    ///
+    /// # Errors
+    /// If the store cannot be written.
+    pub fn delete_attempt(
+        &mut self,
+        trainee: &str,
+        id: i64,
+    ) -> Result<Option<Vec<NamedRecording>>, StoreError> {
+        let filter = Filter { trainee: Some(trainee.into()), ..Filter::default() };
+        let mut attempts = self.attempts(&filter)?;
+        attempts.retain(|stored| stored.id == id);
+        if attempts.is_empty() {
+            return Ok(None);
+        }
+        self.change(|change| change.execute("DELETE FROM attempts WHERE id = ?1", [id]))?;
+        self.recordings_of(&attempts).map(Some)
+    }
+
+    /// The recordings that deleted attempts name, each once.
+    fn recordings_of(&self, deleted: &[Stored]) -> Result<Vec<NamedRecording>, StoreError> {
+        let named = deleted.iter().filter_map(|s| Some((s.attempt.recording.as_ref()?, &s.attempt)));
         let mut recordings = named
             .map(|(path, attempt)| {
                 let sha256 = attempt.recording_sha256.clone();
@@ -279,7 +305,7 @@ impl Store {
             .collect::<Result<Vec<_>, StoreError>>()?;
         recordings.sort();
         recordings.dedup();
-        Ok((deleted > 0).then_some((attempts.len(), recordings)))
+        Ok(recordings)
     }
 
     /// True if an attempt has its recording there, or of these contents.
@@ -314,7 +340,8 @@ impl Store {
     fn query(&self, filter: &Filter) -> rusqlite::Result<Vec<Stored>> {
         let mut statement = self.connection.prepare(
             "SELECT attempts.id, pseudonym, strftime('%Y-%m-%dT%H:%M:%SZ', at_s, 'unixepoch'), at_s, module, level, surgeon,
-                 program, score_version, seed, total, attempts.sigma, finished, took_s, recording, recording_sha256
+                 program, score_version, seed, total, attempts.sigma, finished, took_s, recording, recording_sha256,
+                 broken_off, failed
              FROM attempts JOIN trainees ON attempts.trainee = trainees.id
              WHERE (?1 IS NULL OR pseudonym = ?1) AND (?2 IS NULL OR module = ?2) AND (?3 IS NULL OR level = ?3)
              ORDER BY at_s, attempts.id",
@@ -342,8 +369,8 @@ fn insert(change: &Transaction, trainee: i64, a: &Attempt) -> rusqlite::Result<O
     // SQLite's integers have a sign; the seed's bits are what counts.
     let seed = a.seed.map(|seed| seed as i64);
     let row = "INSERT INTO attempts (trainee, at_s, module, level, surgeon, program, score_version, seed, total, sigma, finished,
-                   took_s, recording, recording_sha256)
-               VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14)
+                   took_s, recording, recording_sha256, broken_off, failed)
+               VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16)
                ON CONFLICT (trainee, recording_sha256, score_version) DO NOTHING RETURNING id";
     let values = params![
         trainee,
@@ -359,7 +386,9 @@ fn insert(change: &Transaction, trainee: i64, a: &Attempt) -> rusqlite::Result<O
         a.finished,
         a.took_s,
         a.recording,
-        a.recording_sha256
+        a.recording_sha256,
+        a.broken_off,
+        a.failed
     ];
     change.query_row(row, values, |row| row.get(0)).optional()
 }
@@ -379,6 +408,8 @@ fn stored(row: &Row) -> rusqlite::Result<Stored> {
         took_s: row.get(13)?,
         recording: row.get(14)?,
         recording_sha256: row.get(15)?,
+        broken_off: row.get(16)?,
+        failed: row.get(17)?,
         ..Attempt::default()
     };
     Ok(Stored {

@@ -128,6 +128,7 @@ impl Table {
         table.put("id", Cells::Whole(all.iter().map(|s| Some(s.id)).collect()));
         table.put("trainee", Cells::Text(all.iter().map(|s| Some(s.trainee.clone())).collect()));
         table.put("at", Cells::Text(all.iter().map(|s| Some(s.at.clone())).collect()));
+        table.put("broken_off", Cells::Truth(all.iter().map(|s| Some(s.attempt.broken_off)).collect()));
         let attempts: Vec<_> = all.iter().map(|s| Some(&s.attempt)).collect();
         table.attempts(&attempts, &keys);
         table
@@ -214,6 +215,7 @@ impl Table {
         self.put("program", Cells::Text(each(all, |a| Some(a.program.clone()))));
         self.put("score_version", Cells::Natural(each(all, |a| Some(u64::from(a.score_version)))));
         self.put("finished", Cells::Truth(each(all, |a| Some(a.finished))));
+        self.put("failed", Cells::Text(each(all, |a| a.failed.clone())));
         self.put("took_s", Cells::Real(each(all, |a| Some(a.took_s))));
         self.put("total", Cells::Real(each(all, |a| Some(a.total))));
         self.put("sigma", Cells::Real(each(all, |a| Some(a.sigma))));

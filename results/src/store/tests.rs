@@ -24,7 +24,9 @@ fn attempt(at_s: i64, module: &str, total: f64) -> Attempt {
         seed: Some(u64::MAX - 4),
         total,
         sigma: 0.1 + 0.2,
-        finished: true,
+        finished: false,
+        broken_off: true,
+        failed: Some("lens contact".into()),
         took_s: 31.25,
         categories: vec![points("target", None, 19.0), points("tissue", None, -7.5)],
         metrics: vec![points("goals", Some(1.0 / 3.0), 12.0), points("grip", None, 0.0)],
@@ -94,6 +96,21 @@ fn a_deleted_trainee_leaves_no_trace_in_the_file() {
     let raw = Connection::open(&path).unwrap();
     let left: i64 = raw.query_row("SELECT count(*) FROM points", [], |r| r.get(0)).unwrap();
     assert_eq!(left, 4, "only the points of the other's attempt");
+}
+
+#[test]
+fn one_attempt_is_deleted_and_no_other() {
+    let (_folder, path) = place();
+    let mut store = Store::open_or_create(&path).unwrap();
+    let ids: Vec<i64> =
+        (1..4).map(|at| store.add("a", &attempt(at, "shadow", 1.0)).unwrap().unwrap()).collect();
+    let others = store.add("b", &attempt(9, "shadow", 1.0)).unwrap().unwrap();
+    assert_eq!(store.delete_attempt("a", others).unwrap(), None, "it is another trainee's");
+    assert_eq!(store.delete_attempt("a", 99).unwrap(), None);
+    let recordings = store.delete_attempt("a", ids[1]).unwrap().unwrap();
+    assert_eq!(recordings.iter().map(|r| r.path.as_str()).collect::<Vec<_>>(), ["/data/2.mcap"]);
+    let left: Vec<i64> = store.attempts(&Filter::default()).unwrap().iter().map(|s| s.id).collect();
+    assert_eq!(left, [ids[0], ids[2], others]);
 }
 
 /// A store as version 1 of the schema had it, written with SQL alone.
