@@ -7,7 +7,7 @@
 
 use crate::workspace::Workspace;
 use nalgebra::{Isometry3, Vector3};
-use protocol::bindings::Action;
+use protocol::bindings::{Action, key_of, shown};
 use protocol::geometry::shaft_pose;
 use protocol::handles::{PedalMode, PedalState, Tool};
 use protocol::inputs::{AXIS_COUNT, Axis, Input, Key};
@@ -42,6 +42,18 @@ const JAW_RAD_S: f64 = 2.5;
 const OPEN_RAD: f64 = 0.9;
 /// Largest step of [`Guidance::advance`], s.
 const MAX_STEP_S: f64 = 0.2;
+/// The answer to a key that does nothing is shown for so long, s.
+const ANSWER_S: f64 = 2.5;
+
+fn tool_name(tool: Tool) -> &'static str {
+    match tool {
+        Tool::Forceps => "forceps",
+        Tool::LightPipe => "light pipe",
+        Tool::Pick => "pick",
+        Tool::Vitrector => "vitrector",
+        Tool::Needle => "needle",
+    }
+}
 
 /// Opening of a tool at rest, rad: only forceps have jaws.
 fn open_rad(tool: Tool) -> f64 {
@@ -119,6 +131,8 @@ pub struct Guidance {
     /// Keys pressed since the last field, so that a short tap is not missed.
     tapped: u128,
     axes: [f64; AXIS_COUNT],
+    /// Answer to a key that did nothing, and how much longer it is shown, s.
+    answer: (String, f64),
 }
 
 /// The cycle of [`Action::NextTool`].
@@ -155,6 +169,7 @@ impl Guidance {
             held: 0,
             tapped: 0,
             axes: [0.0; AXIS_COUNT],
+            answer: (String::new(), 0.0),
         }
     }
 
@@ -163,18 +178,43 @@ impl Guidance {
         &self.instruments
     }
 
-    /// Hint for the picture: the selected hand and its tool.
+    /// Hint for the picture: the answer to a key that did nothing, else the selected hand, its tool
+    /// and the tool's keys.
     pub fn hint(&self) -> String {
+        let (answer, left_s) = &self.answer;
+        if *left_s > 0.0 {
+            return answer.clone();
+        }
         let instrument = &self.instruments[self.selected];
-        let tool = match instrument.tool {
-            Tool::Forceps => "forceps",
-            Tool::LightPipe => "light pipe",
-            Tool::Pick => "pick",
-            Tool::Vitrector => "vitrector",
-            Tool::Needle => "needle",
+        let (used, sucks) = (key_of(Action::Use), key_of(Action::Suck));
+        let keys = match instrument.tool {
+            Tool::Forceps => format!(", {used}: close"),
+            Tool::Vitrector => format!(", {used}: cut, {sucks}: suck"),
+            Tool::Needle => format!(", {used}: inject"),
+            Tool::LightPipe | Tool::Pick => String::new(),
         };
         let kept = if instrument.kept { ", kept" } else { "" };
-        format!("Hand {}: {tool}{kept}", self.selected + 1)
+        format!("Hand {}: {}{keys}{kept}", self.selected + 1, tool_name(instrument.tool))
+    }
+
+    /// Why a key that was pressed does nothing, if it does nothing.
+    fn refusal(&self, key: Key) -> Option<String> {
+        let (tool, next) = (self.instruments[self.selected].tool, key_of(Action::NextTool));
+        let pressed = shown(key.name());
+        let still = matches!(tool, Tool::Pick | Tool::LightPipe);
+        match Action::of(key) {
+            None if key.name() == "other" => {
+                Some(format!("This key does nothing. {}: all keys", key_of(Action::Help)))
+            }
+            None => Some(format!("{pressed} does nothing. {}: all keys", key_of(Action::Help))),
+            Some(Action::Use | Action::Keep) if still => {
+                Some(format!("{pressed} does nothing with the {}. {next}: next tool", tool_name(tool)))
+            }
+            Some(Action::Suck) if self.instruments.iter().all(|i| i.tool != Tool::Vitrector) => {
+                Some(format!("{pressed} needs the vitrector. {next}: next tool"))
+            }
+            Some(_) => None,
+        }
     }
 
     /// Applies an input.
@@ -198,6 +238,7 @@ impl Guidance {
     fn press(&mut self, key: Key) {
         self.held |= key.bit();
         self.tapped |= key.bit();
+        self.answer = self.refusal(key).map_or((String::new(), 0.0), |text| (text, ANSWER_S));
         let instrument = &mut self.instruments[self.selected];
         match Action::of(key) {
             Some(Action::OtherHand) => self.selected = (self.selected + 1) % INSTRUMENTS,
@@ -233,6 +274,7 @@ impl Guidance {
     /// Advances by `dt_s` seconds, at most [`MAX_STEP_S`].
     pub fn advance(&mut self, dt_s: f64) {
         let dt_s = if dt_s.is_finite() { dt_s.clamp(0.0, MAX_STEP_S) } else { 0.0 };
+        self.answer.1 = (self.answer.1 - dt_s).max(0.0);
         let keys = Vector3::new(
             self.between(Action::Right, Action::Left),
             self.between(Action::Up, Action::Down),

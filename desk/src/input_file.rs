@@ -189,7 +189,7 @@ impl Player {
             self.next += 1;
             done(input);
             if let Input::Press(key) = input {
-                let course = [Action::Pause, Action::Restart, Action::Next];
+                let course = [Action::Pause, Action::Help, Action::Restart, Action::Next];
                 let action = Action::of(key).filter(|a| course.contains(a));
                 self.waits = action.map(|a| (a, MAX_WAIT_S));
             }
@@ -200,7 +200,7 @@ impl Player {
     /// everything starts again.
     pub fn served(&mut self, command: Command) {
         let over = match self.waits {
-            Some((Action::Pause, _)) => matches!(command, Command::Pause | Command::Start),
+            Some((Action::Pause | Action::Help, _)) => matches!(command, Command::Pause | Command::Start),
             _ => command == Command::Start,
         };
         if over {

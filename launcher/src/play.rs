@@ -2,7 +2,7 @@
 
 use crate::machine::has_display;
 use crate::results::Place;
-use crate::run::{self, DeskArgs, MAX_RESTARTS, RunArgs};
+use crate::run::{self, ARRANGEMENTS, DeskArgs, MAX_RESTARTS, RunArgs};
 use anyhow::bail;
 use ipc::logging::inform;
 use outputs::{Force, print};
@@ -55,10 +55,10 @@ pub struct PlayArgs {
     /// Draw nothing.
     #[arg(long, requires = "inputs")]
     pub no_picture: bool,
-    /// How the two channels share the picture: side-by-side, anaglyph, interleaved, sequential,
-    /// left or right.
-    #[arg(long, value_name = "HOW")]
-    pub arrange: Option<String>,
+    /// How the two channels share the picture: left or right alone, side-by-side, anaglyph,
+    /// interleaved or sequential.
+    #[arg(long, value_name = "HOW", default_value = "left", value_parser = ARRANGEMENTS)]
+    pub arrange: String,
     /// Fill the monitor.
     #[arg(long, conflicts_with_all = ["headless", "no_picture"])]
     pub full_screen: bool,
@@ -116,7 +116,7 @@ impl PlayArgs {
             headless: self.headless || (self.inputs.is_some() && !self.no_picture && !has_display()),
             window: self.inputs.is_none(),
             no_picture: self.no_picture,
-            arrange: self.arrange.clone(),
+            arrange: Some(self.arrange.clone()),
             full_screen: self.full_screen,
             stills: self.stills.clone(),
             video: self.video.clone(),
@@ -157,6 +157,7 @@ mod tests {
         assert_eq!(parse(&[]).unwrap().module.as_deref(), Some(FIRST_MODULE));
         let shadow = parse(&["shadow", "--level", "2", "--input", "mouse"]).unwrap();
         assert_eq!((shadow.module.as_deref(), shadow.level, shadow.stay), (Some("shadow"), 2, true));
+        assert_eq!(shadow.arrange.as_deref(), Some("left"), "one large eye");
         let scene = parse(&["--scene", "trim"]).unwrap();
         assert_eq!((scene.module, scene.scene.as_deref(), scene.stay), (None, Some("trim"), false));
         for wrong in [

@@ -4,6 +4,7 @@
 //! it as help, and `vitreo play --keys` prints it for `docs/play.md`.
 
 use crate::inputs::Key;
+use crate::scene_text::capitalised;
 
 /// Action of a key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -176,6 +177,52 @@ fn first_key(action: &Action) -> &'static str {
     own.copied().find(|k| !k.starts_with("pad-")).unwrap_or_default()
 }
 
+/// A key as people write it: a letter or an F key in capitals, a word with one.
+pub fn shown(key: &str) -> String {
+    let is_word = key.len() > 2 && !key.starts_with('f');
+    if is_word { capitalised(key).collect() } else { key.to_uppercase() }
+}
+
+/// The first key of keyboard or mouse of an action, as people write it.
+pub fn key_of(action: Action) -> String {
+    shown(first_key(&action))
+}
+
+/// Marks in texts of tasks, and the actions whose keys stand for them at a desk.
+const MARKS: [(&str, Action); 8] = [
+    ("{use}", Action::Use),
+    ("{keep}", Action::Keep),
+    ("{suck}", Action::Suck),
+    ("{air}", Action::Air),
+    ("{fluid}", Action::Fluid),
+    ("{tool}", Action::NextTool),
+    ("{hand}", Action::OtherHand),
+    ("{help}", Action::Help),
+];
+/// Mark of the inputs that move a tip.
+const MOVE: (&str, &str) = ("{move}", "mouse, wheel");
+
+/// Appends `text` with the keys of its marks: `close the jaws {use}` becomes `close the jaws
+/// (Space)` where a person works `at_desk`, and loses the mark and the blank before it elsewhere. What
+/// is no mark stays as it stands.
+pub fn push_with_keys(text: &str, at_desk: bool, out: &mut String) {
+    let mut rest = text;
+    while let Some(begin) = rest.find('{') {
+        let (before, from) = rest.split_at(begin);
+        let end = from.find('}').map_or(from.len(), |end| end + 1);
+        let mark = &from[..end];
+        let action = MARKS.iter().find(|(name, _)| *name == mark).map(|(_, action)| *action);
+        let keys = action.map(key_of).or((mark == MOVE.0).then(|| MOVE.1.to_owned()));
+        match keys {
+            None => (out.push_str(before), out.push_str(mark)),
+            Some(keys) if at_desk => (out.push_str(before), out.push_str(&format!("({keys})"))),
+            Some(_) => (out.push_str(before.strip_suffix(' ').unwrap_or(before)), ()),
+        };
+        rest = &from[end..];
+    }
+    out.push_str(rest);
+}
+
 /// What a window offers when an attempt is over, with its keys.
 pub fn next_steps() -> String {
     let offers = [(Action::Next, "next level"), (Action::Restart, "again"), (Action::Quit, "end")];
@@ -198,6 +245,7 @@ pub fn help(at_desk: bool) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn every_key_exists_and_means_one_thing() {
@@ -213,6 +261,34 @@ mod tests {
             assert_eq!(BINDINGS.iter().filter(|b| b.action == binding.action).count(), 1);
         }
         assert_eq!(Action::of(Key::named("y").unwrap()), None);
+    }
+
+    #[test]
+    fn marks_become_keys_at_a_desk_and_nothing_elsewhere() {
+        let with = |text: &str, at_desk| {
+            let mut out = String::new();
+            push_with_keys(text, at_desk, &mut out);
+            out
+        };
+        let text = "take the pick {tool}, move {move}; help {help}";
+        assert_eq!(with(text, true), "take the pick (T), move (mouse, wheel); help (F1)");
+        assert_eq!(with(text, false), "take the pick, move; help");
+        assert_eq!(with("{use}", true), "(Space)");
+        for odd in ["", "plain", "{", "}", "{use", "{dance}", "a {b} c", "é {é}"] {
+            assert_eq!((with(odd, true), with(odd, false)), (odd.to_owned(), odd.to_owned()));
+        }
+        for (mark, action) in MARKS {
+            assert!(!first_key(&action).is_empty(), "{mark}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn text_around_marks_comes_back(parts in prop::collection::vec("[a-zé {}]{0,12}|\\{use\\}", 0..6)) {
+            let (text, mut shown) = (parts.concat(), String::new());
+            push_with_keys(&text, true, &mut shown);
+            prop_assert_eq!(shown.replace("(Space)", "{use}"), text);
+        }
     }
 
     #[test]

@@ -9,8 +9,9 @@ use crate::time::Nanos;
 use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
-/// Names of the keys and buttons that may be bound, by their codes.
-const KEYS: [&str; 94] = words(
+/// Names of the keys and buttons that may be bound, by their codes; `other` is every key of the
+/// keyboard without a name here, and is never bound.
+const KEYS: [&str; 95] = words(
     "a b c d e f g h i j k l m n o p q r s t u v w x y z \
      0 1 2 3 4 5 6 7 8 9 \
      f1 f2 f3 f4 f5 f6 f7 f8 f9 f10 f11 f12 \
@@ -19,7 +20,7 @@ const KEYS: [&str; 94] = words(
      mouse-left mouse-middle mouse-right mouse-back mouse-forward \
      pad-south pad-east pad-west pad-north pad-l1 pad-r1 pad-l2 pad-r2 pad-select pad-start pad-l3 \
      pad-r3 pad-up pad-down pad-left pad-right pad-mode \
-     pause caps-lock",
+     pause caps-lock other",
 );
 
 /// The words of a text that stand one blank apart.

@@ -57,8 +57,9 @@ pub struct Config {
     /// The monitor to fill, by name or number.
     #[arg(long, requires = "full_screen", value_name = "NAME|N")]
     pub monitor: Option<String>,
-    /// A person works by mouse and keyboard: a click takes the mouse, Escape frees it.
-    #[arg(long, requires = "window")]
+    /// A person works by mouse and keyboard: texts name keys; a click into the window takes the
+    /// mouse, Escape frees it.
+    #[arg(long)]
     pub desk: bool,
     /// Draw the dose of light over the retina (L in the window shows and hides it).
     #[arg(long)]

@@ -21,6 +21,7 @@ use crate::passes::membrane::{Membrane, TissueBuffers};
 use crate::passes::retina::Retina;
 use crate::passes::shadow::{Shadow, ShadowMap};
 use crate::passes::{PassDevice, Uniforms};
+use crate::stereo::Arrangement;
 use crate::target::Target;
 use crate::timing::{PassTimes, Timing};
 use crate::tissue::Tissue;
@@ -34,6 +35,7 @@ use protocol::message::Invalid;
 use protocol::optics::Filter;
 use protocol::scene::{Microscope, SceneHeader, SceneNode, SceneTriangle, section};
 use scene::Side;
+use std::ops::Range;
 use wgpu::{BindGroup, CommandBuffer};
 
 /// What a [`Renderer`] allocates for.
@@ -80,6 +82,8 @@ pub struct Renderer {
     microscope: Microscope,
     filter: Filter,
     overlay: OverlayText,
+    /// Channels that are drawn.
+    channels: Range<u32>,
     lost_before: [bool; INSTRUMENTS],
     eye_lost_before: bool,
 }
@@ -143,6 +147,7 @@ impl Renderer {
             microscope: Microscope::zeroed(),
             filter: Filter::Clear,
             overlay: OverlayText::new(),
+            channels: 0..CHANNELS as u32,
             lost_before: [false; INSTRUMENTS],
             eye_lost_before: false,
         }
@@ -210,7 +215,7 @@ impl Renderer {
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         self.draw_shadow_map(&mut encoder, &frame);
         let mut picture = frame.begin_picture(&mut encoder);
-        for channel in 0..CHANNELS as u32 {
+        for channel in self.channels.clone() {
             self.set_channel(&mut picture, &frame, channel);
             self.fundus.draw_field_mask(&mut picture, frame.shading);
             // Those that are tracked are opaque and hide the retina; it shines through lost ones.
@@ -301,6 +306,20 @@ impl Renderer {
     /// Sets the mark of a picture that is held, from the next frame on; empty for none.
     pub fn set_held(&mut self, mark: &str) {
         self.overlay.set_held(mark);
+    }
+
+    /// Draws only the channels that this arrangement shows, from the next frame on.
+    pub fn set_arrangement(&mut self, arrangement: Arrangement) {
+        self.channels = match arrangement {
+            Arrangement::Left => 0..1,
+            Arrangement::Right => 1..2,
+            _ => 0..CHANNELS as u32,
+        };
+    }
+
+    /// The scene's text names the keys of a desk, see [`OverlayText::set_at_desk`].
+    pub fn set_at_desk(&mut self, at_desk: bool) {
+        self.overlay.set_at_desk(at_desk);
     }
 
     /// Sets what a page of the scene ends with, as what a person can do next; empty for nothing.

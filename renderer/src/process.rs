@@ -201,6 +201,8 @@ impl RendererShell {
         };
         process.shell.report.state = STATE_RUNNING;
         process.show_tier(false);
+        process.renderer.set_arrangement(config.arrange);
+        process.renderer.set_at_desk(config.desk);
         if !process.is_headless() {
             process.renderer.set_next_steps(&next_steps());
         }
@@ -392,6 +394,7 @@ impl RendererShell {
             match command {
                 Command::Pause => self.user.pause(true),
                 Command::Start => self.user.pause(false),
+                Command::Reset | Command::Load => self.user.close_help(),
                 Command::Flush => self.held.end(),
                 _ => {}
             }

@@ -7,7 +7,7 @@ use protocol::scene::SceneBody;
 use protocol::scene_text::{Place, Row, capitalised, push_line, push_sentence};
 use scene::{Goal, MAX_GOALS, TaskScene};
 use training::score::Score;
-use training::score::table::Category;
+use training::score::table::{Category, Id, PENALTIES};
 use training::task::{Phase, Task, TaskState};
 
 /// Balls that a task may show: goals, and beads along a path.
@@ -108,7 +108,7 @@ fn sphere(at: Vector3<f64>, radius_mm: f64, rgb: [f32; 3], opacity: f32) -> Scen
 pub struct TaskText {
     text: String,
     /// Phase, goals reached, second, warning and 0.01 ml of vitreous removed for which it was made.
-    made_for: Option<(bool, usize, u64, u32, u64)>,
+    made_for: Option<(Option<Phase>, usize, u64, u32, u64)>,
 }
 
 impl TaskText {
@@ -117,9 +117,8 @@ impl TaskText {
     pub fn lines(&mut self, world: &World, notice: &str, notice_kind: u32) -> &str {
         let removed = world.removed();
         let (gone, task) = (removed.vitreous_um3 / GEL_STEP_UM3, world.task());
-        let over = task.is_some_and(|(_, state)| matches!(state.phase, Phase::Finished | Phase::TimedOut));
-        let key = task.map_or((over, 0, 0, notice_kind, gone), |(_, state)| {
-            (over, state.reached(), state.elapsed_s() as u64, notice_kind, gone)
+        let key = task.map_or((None, 0, 0, notice_kind, gone), |(_, state)| {
+            (Some(state.phase), state.reached(), state.elapsed_s() as u64, notice_kind, gone)
         });
         if self.made_for != Some(key) {
             self.made_for = Some(key);
@@ -127,10 +126,12 @@ impl TaskText {
             if !notice.is_empty() {
                 push_sentence(&mut self.text, Place::Top, notice);
             }
-            match task {
-                Some(_) if over => end_screen(world, &mut self.text),
-                Some((task, state)) => running(task, state, &mut self.text),
-                None => {}
+            if let Some((task, state)) = task {
+                match state.phase {
+                    Phase::Waiting => push_start(task.scene(), &mut self.text),
+                    Phase::Running => running(world, task, state, &mut self.text),
+                    Phase::Finished | Phase::TimedOut => end_screen(world, &mut self.text),
+                }
             }
             if gone > 0 {
                 let left_ml = removed.vitreous_left_um3 as f64 * 1e-12;
@@ -142,10 +143,27 @@ impl TaskText {
     }
 }
 
-fn running(task: &Task, state: &TaskState, out: &mut String) {
+fn running(world: &World, task: &Task, state: &TaskState, out: &mut String) {
+    if let Some(injury) = world.score().and_then(|score| score.failed) {
+        push_line(out, Place::Top, &format!("Failed by {injury}"));
+    }
     let scene = task.scene();
     let next = scene.goals.iter().enumerate().find(|(i, _)| task.is_open(state, *i)).map(|(_, g)| g);
     push_task(scene, state.elapsed_s(), state.reached(), next, out);
+}
+
+/// The page before an attempt: what is practised, what is to be done, by which tool and key, and
+/// when the clock starts. Marks stand for keys, see `protocol::bindings`.
+pub fn push_start(scene: &TaskScene, out: &mut String) {
+    Row::Title(&heading(scene)).push(out);
+    scene.instructions.iter().for_each(|line| Row::Plain(line).push(out));
+    let (count, limit_s) = (scene.goals.len(), scene.limit_s as u64);
+    let goals = if count == 1 { "1 goal".into() } else { format!("{count} goals") };
+    Row::Plain(&format!("{goals}, {}:{:02} minutes", limit_s / 60, limit_s % 60)).push(out);
+    if let Some(first) = scene.goals.first() {
+        Row::Plain(&format!("First: {}", asked(first))).push(out);
+    }
+    Row::Plain("The clock starts with your first movement and stands while help is open {help}").push(out);
 }
 
 /// Lines of a task `elapsed_s` after its beginning, with so many of its goals reached: level, time
@@ -159,15 +177,24 @@ pub fn push_task(scene: &TaskScene, elapsed_s: f64, reached: usize, next: Option
         push_line(out, Place::Bottom, &scene.title);
         scene.instructions.iter().for_each(|line| push_line(out, Place::Bottom, line));
     }
-    let hint = match next {
-        Some(Goal::Event { what, .. } | Goal::Gel { what, .. } | Goal::Retina { what, .. }) => {
-            format!("Next: {what}")
+    if let Some(goal) = next {
+        push_line(out, Place::Bottom, &format!("Next: {}", asked(goal)));
+    }
+}
+
+/// What a goal asks for: the deed, the tool or hand, and marks for the keys.
+fn asked(goal: &Goal) -> String {
+    match goal {
+        Goal::Hold { .. } => "keep the tip in a yellow ball {move}".into(),
+        Goal::Near { .. } => "bring the tip down over a mark {move}, without touching".into(),
+        Goal::Follow { .. } => "lead the tip along the beads {move}".into(),
+        Goal::Align { .. } => "each tip into its ball {move}; the other hand {hand}".into(),
+        Goal::Grip { instrument, .. } => {
+            format!("pick it up with the forceps of the {} hand {{use}}", hand(*instrument))
         }
-        Some(Goal::Grip { instrument, .. }) => format!("Next: pick up, {} hand", hand(*instrument)),
-        Some(Goal::Place { .. }) => "Next: place it on the mark".into(),
-        _ => String::new(),
-    };
-    push_line(out, Place::Bottom, &hint);
+        Goal::Place { .. } => "place it on the mark and open the jaws {use}".into(),
+        Goal::Event { what, .. } | Goal::Gel { what, .. } | Goal::Retina { what, .. } => what.clone(),
+    }
 }
 
 fn hand(instrument: u32) -> &'static str {
@@ -181,13 +208,14 @@ fn end_screen(world: &World, out: &mut String) {
 }
 
 /// The page of an attempt that is over: what was practised, how it ended, the points of all and of
-/// each category.
+/// each category, and what was hurt.
 pub fn push_result(scene: &TaskScene, score: &Score, out: &mut String) {
-    // What stands before the colon names the module, what comes after it its steps.
-    let name = scene.title.split(':').next().unwrap_or_default();
-    let name = if name.is_empty() { &scene.module } else { name };
-    Row::Title(&format!("{name}, level {}", scene.level)).push(out);
-    let end = if score.finished { "Finished" } else { "Time is over" };
+    Row::Title(&heading(scene)).push(out);
+    let end = match (score.failed, score.finished) {
+        (Some(injury), _) => format!("Failed by {injury}"),
+        (None, true) => "Finished".into(),
+        (None, false) => "Time is over".into(),
+    };
     Row::Plain(&format!("{end}: {:.0} of 100 points (± {:.1})", score.total, score.sigma)).push(out);
     for category in Category::ALL {
         let (points, most) = (score.categories[category as usize], category.points());
@@ -195,6 +223,24 @@ pub fn push_result(scene: &TaskScene, score: &Score, out: &mut String) {
         let share = (points / most.max(1e-9)) as f32;
         Row::Bar { name: &name, share, value: &format!("{points:.0} of {most:.0}") }.push(out);
     }
+    let lost = score.metrics[Id::Injuries as usize].value.unwrap_or(0.0);
+    let injuries: Vec<String> = PENALTIES
+        .iter()
+        .zip(score.injuries)
+        .filter(|(_, count)| *count > 0)
+        .map(|(penalty, count)| format!("{count} × {}", penalty.name))
+        .collect();
+    if !injuries.is_empty() {
+        Row::Plain(&format!("Injuries took {lost:.0} points: {}", injuries.join(", "))).push(out);
+    }
+}
+
+/// Module and level, for a page. What stands before the title's colon names the module, what comes
+/// after it its steps.
+fn heading(scene: &TaskScene) -> String {
+    let name = scene.title.split(':').next().unwrap_or_default();
+    let name = if name.is_empty() { &scene.module } else { name };
+    format!("{name}, level {}", scene.level)
 }
 
 #[cfg(test)]

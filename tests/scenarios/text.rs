@@ -15,10 +15,10 @@ use renderer::latch::{Latched, latch_scene};
 use renderer::text::layout::lay_out;
 use scene::module::{Module, names};
 use scene::{Goal, TaskScene};
-use simcore::task_view::{push_result, push_task};
+use simcore::task_view::{MAX_TEXT, push_result, push_start, push_task};
 use simcore::world::World;
 use training::score::Score;
-use training::score::table::Category;
+use training::score::table::{Category, INJURIES, PENALTIES};
 
 /// Sizes of a channel at which nothing may be cut: those of pictures in files, and of windows.
 fn whole_sizes() -> Vec<[u32; 2]> {
@@ -47,6 +47,8 @@ fn moment(scene: &str, crowd: bool) -> String {
     let mut overlay = OverlayText::new();
     let mut latched = latch_scene(&SceneHeader::zeroed());
     (latched.tracked, latched.eye_tracked) = ([true; 2], true);
+    // With the keys of a desk the text is longest.
+    overlay.set_at_desk(true);
     overlay.set_scene(scene.as_bytes());
     if crowd {
         latched = Latched { tracked: [false, true], eye_tracked: false, ..latched };
@@ -54,7 +56,7 @@ fn moment(scene: &str, crowd: bool) -> String {
         overlay.set_held("Picture held for 12.3 s");
         overlay.set_next_steps(&next_steps());
         let mut beside = String::new();
-        push_line(&mut beside, Place::BottomLeft, "Hand 2: light pipe, kept");
+        push_line(&mut beside, Place::BottomLeft, "Space does nothing with the light pipe. T: next tool");
         push_sentence(&mut beside, Place::BottomRight, "the picture comes 12 times a second of 42 asked");
         push_line(&mut beside, Place::Top, "Paused");
         overlay.set_overlay(&beside, false);
@@ -104,6 +106,24 @@ fn the_text_of_every_level_keeps_its_place_with_all_that_can_stand_beside_it() {
 }
 
 #[test]
+fn the_page_before_every_level_names_tool_and_keys_and_keeps_its_place() {
+    let mut face = Face::new();
+    let mut pages = 0;
+    for task in tasks() {
+        let mut page = String::new();
+        push_start(&task, &mut page);
+        assert!(page.len() < MAX_TEXT, "{}: {} bytes", task.module, page.len());
+        let shown = moment(&page, false);
+        assert!(!shown.contains(['{', '}']), "a mark that is no key: {shown}");
+        let keys = ["mouse", "Space", "(T)", "(V)"];
+        assert!(keys.iter().any(|key| shown.contains(key)) && shown.contains("F1"), "{shown}");
+        [false, true].into_iter().for_each(|crowd| check(&mut face, &moment(&page, crowd)));
+        pages += 1;
+    }
+    assert!(pages >= 16, "{pages}");
+}
+
+#[test]
 fn every_warning_keeps_its_place() {
     let mut face = Face::new();
     for warning in warnings() {
@@ -122,11 +142,19 @@ fn the_page_of_every_result_and_the_help_keep_their_place() {
         for finished in [true, false] {
             let categories = Category::ALL.map(|c| if finished { c.points() } else { -c.points() });
             let mut page = String::new();
-            let score = Score { total: 100.0, sigma: 10.4, categories, finished, ..begun.clone() };
+            let hurt = if finished { 0 } else { 12 };
+            let (injuries, failed) = ([hurt; INJURIES], (hurt > 0).then_some("macular haemorrhage"));
+            let score =
+                Score { total: 100.0, sigma: 10.4, categories, injuries, failed, finished, ..begun.clone() };
             push_result(&task, &score, &mut page);
             let rows: Vec<Row<'_>> = lines(&page).map(|(_, line)| Row::of(line)).collect();
             let bars = rows.iter().filter(|row| matches!(row, Row::Bar { .. })).count();
             assert!(bars == Category::ALL.len() && matches!(rows[0], Row::Title(_)), "{page}");
+            let named = PENALTIES.iter().filter(|p| page.contains(&format!("12 × {}", p.name))).count();
+            assert_eq!(
+                (named, page.contains("Failed by")),
+                if finished { (0, false) } else { (INJURIES, true) }
+            );
             [false, true].into_iter().for_each(|crowd| check(&mut face, &moment(&page, crowd)));
         }
     }

@@ -131,7 +131,10 @@ fn jaws_close_while_used_or_kept() {
     assert_eq!(after(&mut guidance, 50), 0.0);
     guidance.apply(Input::Press(key("c")));
     guidance.apply(Input::Release(key("mouse-left")));
-    assert_eq!((after(&mut guidance, 50), guidance.hint().as_str()), (0.0, "Hand 1: forceps, kept"));
+    assert_eq!(
+        (after(&mut guidance, 50), guidance.hint().as_str()),
+        (0.0, "Hand 1: forceps, Space: close, kept")
+    );
     guidance.apply(Input::Press(key("c")));
     assert_eq!(after(&mut guidance, 50), OPEN_RAD);
 }
@@ -165,4 +168,29 @@ fn the_foot_does_what_the_keys_say() {
         (guidance.instruments[0].tool, guidance.pedal().mode),
         (Tool::Needle, PedalMode::Inject as u32)
     );
+}
+
+#[test]
+fn a_key_that_does_nothing_is_answered_for_a_while() {
+    let (mut guidance, _) = desk("relocation");
+    let said = |guidance: &mut Guidance, name: &str| {
+        guidance.apply(Input::Press(key(name)));
+        guidance.apply(Input::Release(key(name)));
+        guidance.hint()
+    };
+    assert_eq!(guidance.hint(), "Hand 1: needle, Space: inject");
+    assert_eq!(said(&mut guidance, "y"), "Y does nothing. F1: all keys");
+    assert_eq!(said(&mut guidance, "other"), "This key does nothing. F1: all keys");
+    assert_eq!(said(&mut guidance, "v"), "V needs the vitrector. T: next tool");
+    assert_eq!(said(&mut guidance, "tab"), "Hand 2: light pipe", "a key that does something answers itself");
+    assert_eq!(said(&mut guidance, "space"), "Space does nothing with the light pipe. T: next tool");
+    (0..100).for_each(|_| guidance.advance(FIELD_S));
+    assert!(guidance.hint().starts_with("Space does nothing"), "2 s later");
+    (0..50).for_each(|_| guidance.advance(FIELD_S));
+    assert_eq!(guidance.hint(), "Hand 2: light pipe");
+    for binding in protocol::bindings::BINDINGS.iter().filter(|b| b.action != Action::Suck) {
+        let (mut guidance, _) = desk("peel");
+        let hint = said(&mut guidance, binding.keys[0]);
+        assert!(!hint.contains("nothing"), "{}: {hint}", binding.keys[0]);
+    }
 }

@@ -19,6 +19,8 @@ pub enum ControlRequest {
     Resume,
     /// Whichever of both changes something.
     PauseOrResume,
+    /// Help was opened or closed: everything stands still meanwhile.
+    Help,
     /// The attempt from its beginning.
     Restart,
     /// The module's next level.
@@ -59,6 +61,7 @@ impl AttemptControl {
         let Some(Input::Press(key)) = event.input() else { return };
         match Action::of(key) {
             Some(Action::Pause) => self.ask(ControlRequest::PauseOrResume, None),
+            Some(Action::Help) => self.ask(ControlRequest::Help, None),
             Some(Action::Restart) => self.ask(ControlRequest::Restart, None),
             Some(Action::Next) => self.ask(ControlRequest::Next, None),
             Some(Action::Quit) => self.ask(ControlRequest::Quit, None),
@@ -123,7 +126,7 @@ mod tests {
     #[test]
     fn keys_foot_and_requests_ask_alike() {
         let mut control = AttemptControl::default();
-        for name in ["p", "a", "f5", "mouse-left", "n", "f10"] {
+        for name in ["p", "a", "f5", "mouse-left", "n", "f1", "f10"] {
             control.note_input(&key(name));
         }
         assert_eq!(
@@ -132,6 +135,7 @@ mod tests {
                 ControlRequest::PauseOrResume,
                 ControlRequest::Restart,
                 ControlRequest::Next,
+                ControlRequest::Help,
                 ControlRequest::Quit
             ]
         );

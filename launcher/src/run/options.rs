@@ -29,7 +29,7 @@ pub struct RunArgs {
     /// Level of the module, from 1 on.
     #[arg(long, value_name = "N", default_value_t = 1, requires = "module")]
     pub level: u32,
-    /// Who works where no person does: expert, average, novice or careless.
+    /// Who works where no person does: expert, average, novice, careless or idle.
     #[arg(long, value_name = "WHO", default_value = "expert", requires = "module")]
     pub surgeon: String,
     /// Keep the attempt under this pseudonym in the results store; without --record its recording
@@ -163,7 +163,8 @@ pub struct DeskArgs {
 const AFTER_S: f64 = 3.0;
 
 /// What the renderer calls its arrangements.
-const ARRANGEMENTS: [&str; 6] = ["side-by-side", "anaglyph", "interleaved", "sequential", "left", "right"];
+pub const ARRANGEMENTS: [&str; 6] =
+    ["side-by-side", "anaglyph", "interleaved", "sequential", "left", "right"];
 
 /// What becomes of the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -277,7 +278,7 @@ impl RunArgs {
                 args.flag("--full-screen", self.full_screen);
                 args.flag("--show-dose", self.show_dose);
                 args.value("--lose-device-after", self.lose_device_after.filter(|_| restarts == 0));
-                args.flag("--desk", self.desk.is_some() && view == View::Window);
+                args.flag("--desk", self.desk.is_some());
                 args.value("--monitor", self.monitor.as_ref());
                 // A restarted renderer puts its film and stills beside those before: a-2.y4m.
                 for (name, output) in [("--stills", &self.stills), ("--video", &self.video)] {

@@ -64,6 +64,7 @@ pub struct Session<'a> {
     command: CommandProgress,
     /// Since when everything stands still.
     paused_ns: Option<Nanos>,
+    help: attempts::HelpState,
     /// The attempts that are over.
     attempts: Vec<Attempt>,
     /// Where the first attempt is recorded.
@@ -187,6 +188,7 @@ impl<'a> Session<'a> {
             notices: instance.sender()?,
             command: CommandProgress::default(),
             paused_ns: None,
+            help: attempts::HelpState::default(),
             attempts: Vec::new(),
             first_record: args.record.clone(),
             stop,

@@ -9,7 +9,6 @@ use crate::passes::shadow::{Casters, ShadowMap};
 use crate::passes::{VIEW_STRIDE, clear_depth};
 use crate::target::Target;
 use crate::timing::{Pass, Timing};
-use crate::view::CHANNELS;
 use protocol::limits::INSTRUMENTS;
 use wgpu::{BindGroup, CommandEncoder, RenderPass};
 
@@ -181,7 +180,7 @@ impl Renderer {
         let timed = frame.timing.map(|t| t.writes(Pass::Focus));
         let mut pass = focus::begin(encoder, &frame.target.colour, "focus", timed);
         self.focus.draw(&mut pass, tiles);
-        for channel in 0..CHANNELS as u32 {
+        for channel in self.channels.clone() {
             self.set_channel(&mut pass, frame, channel);
             self.draw_overlay(&mut pass, frame);
         }

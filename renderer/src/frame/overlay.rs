@@ -1,6 +1,7 @@
 //! Lines of text over the picture: the scene's own, the process's status, and a user's overlay.
 
 use crate::latch::Latched;
+use protocol::bindings::push_with_keys;
 use protocol::scene_text::{Place, lines, push_line, push_sentence};
 
 /// Text over the picture, from every source; [`Self::collect`] joins it for a frame.
@@ -12,6 +13,8 @@ pub struct OverlayText {
     overlay: String,
     hides_scene_text: bool,
     next_steps: String,
+    /// A person works by mouse and keyboard: marks in the scene's text become keys.
+    at_desk: bool,
     lines: String,
 }
 
@@ -26,10 +29,15 @@ impl OverlayText {
         }
     }
 
+    /// From the next text of the scene on its marks become the keys of a desk, or vanish.
+    pub fn set_at_desk(&mut self, at_desk: bool) {
+        self.at_desk = at_desk;
+    }
+
     /// Sets the text that belongs to the scene; text that is not UTF-8 counts as none.
     pub fn set_scene(&mut self, text: &[u8]) {
         self.scene.clear();
-        self.scene.push_str(std::str::from_utf8(text).unwrap_or_default());
+        push_with_keys(std::str::from_utf8(text).unwrap_or_default(), self.at_desk, &mut self.scene);
     }
 
     /// Sets the lines in the top left corner; empty for none.
@@ -116,6 +124,13 @@ mod tests {
         overlay.set_scene("=#Over\n".as_bytes());
         overlay.collect(&latched);
         assert_eq!(overlay.lines(), format!("{begin}=#Over\n=N: next level\n"));
+        overlay.set_scene("_Cut {use}\n".as_bytes());
+        overlay.collect(&latched);
+        assert_eq!(overlay.lines(), format!("{begin}_Cut\n"));
+        overlay.set_at_desk(true);
+        overlay.set_scene("_Cut {use}\n".as_bytes());
+        overlay.collect(&latched);
+        assert_eq!(overlay.lines(), format!("{begin}_Cut (Space)\n"));
         overlay.set_overlay("=help\n", true);
         overlay.collect(&latched);
         assert_eq!(overlay.lines(), format!("{begin}=help\n"), "in place of the scene's");

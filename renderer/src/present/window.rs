@@ -22,10 +22,13 @@ use winit::monitor::MonitorHandle;
 use winit::platform::pump_events::{EventLoopExtPumpEvents, PumpStatus};
 use winit::window::{CursorGrabMode, Fullscreen, WindowId};
 
-/// Size of the window at the start: two channels of 5:4.
-const SIZE: LogicalSize<u32> = LogicalSize::new(1280, 512);
+/// Size of a channel of the window at the start, where both stand side by side and where one
+/// stands alone, px.
+const PAIRED: [u32; 2] = [640, 512];
+const ALONE: [u32; 2] = [960, 768];
 /// The same where the processor draws: every pixel of the window costs it time.
-const SOFTWARE_SIZE: LogicalSize<u32> = LogicalSize::new(800, 320);
+const SOFTWARE_PAIRED: [u32; 2] = [400, 320];
+const SOFTWARE_ALONE: [u32; 2] = [800, 640];
 /// Refresh period assumed where the display does not report one, ns.
 const USUAL_REFRESH_NS: u64 = 16_666_667;
 
@@ -103,7 +106,7 @@ impl ApplicationHandler for State {
         self.monitor = monitor;
         let wish = winit::window::Window::default_attributes()
             .with_title("vitreo")
-            .with_inner_size(SIZE)
+            .with_inner_size(size(self.config.arrangement, false))
             .with_fullscreen(full);
         match events.create_window(wish) {
             Ok(window) => self.window = Some(Arc::new(window)),
@@ -171,7 +174,7 @@ impl State {
 
     fn handle_key(&mut self, event: &KeyEvent) {
         let PhysicalKey::Code(code) = event.physical_key else { return };
-        let Some(key) = OurKey::named(&name_of(code)) else { return };
+        let Some(key) = OurKey::named(&name_of(code)).or_else(|| OurKey::named("other")) else { return };
         if event.repeat {
             return;
         }
@@ -253,6 +256,19 @@ impl State {
     }
 }
 
+/// Size of the window at the start.
+fn size(arrangement: Arrangement, is_software: bool) -> LogicalSize<u32> {
+    let paired = arrangement == Arrangement::SideBySide;
+    let [width, height] = match (paired, is_software) {
+        (true, false) => PAIRED,
+        (false, false) => ALONE,
+        (true, true) => SOFTWARE_PAIRED,
+        (false, true) => SOFTWARE_ALONE,
+    };
+    let [width, height] = arrangement.size_px(width, height);
+    LogicalSize::new(width, height)
+}
+
 /// The monitor of that name or number, or what there is instead.
 fn choose(wanted: &str, monitors: &[MonitorHandle]) -> Result<MonitorHandle, String> {
     let name = |m: &MonitorHandle| m.name().unwrap_or_default();
@@ -282,7 +298,7 @@ impl Window {
         let refresh_ns =
             monitor.filter(|&mhz| mhz > 0).map_or(USUAL_REFRESH_NS, |mhz| 1_000_000_000_000 / u64::from(mhz));
         let shrinks = gpu.is_software && !config.full_screen;
-        let small = shrinks.then(|| window.request_inner_size(SOFTWARE_SIZE)).flatten();
+        let small = shrinks.then(|| window.request_inner_size(size(config.arrangement, true))).flatten();
         let size = small.unwrap_or_else(|| window.inner_size());
         let default = surface
             .get_default_config(&gpu.adapter, size.width.max(1), size.height.max(1))
@@ -410,6 +426,17 @@ mod tests {
             assert!(OurKey::named(name).is_some(), "{name}");
         }
         assert_eq!(OurKey::named(&name_of(KeyCode::Backquote)), None);
+        assert!(OurKey::named("other").is_some_and(|other| Action::of(other).is_none()));
+    }
+
+    #[test]
+    fn one_channel_alone_is_larger_than_each_of_two() {
+        let of = |arrangement, is_software| {
+            let LogicalSize { width, height } = size(arrangement, is_software);
+            [width, height]
+        };
+        assert_eq!(of(Arrangement::SideBySide, true), [800, 320]);
+        assert_eq!((of(Arrangement::Left, true), of(Arrangement::Left, false)), ([800, 640], [960, 768]));
     }
 
     #[test]

@@ -62,6 +62,12 @@ impl User {
         self.paused = paused;
     }
 
+    /// Hides the help, as another attempt begins.
+    pub fn close_help(&mut self) {
+        self.changed |= self.help;
+        self.help = false;
+    }
+
     /// Publishes the window's inputs and takes the newest hint.
     ///
     /// # Errors

@@ -20,6 +20,14 @@ use tokio::time::Instant;
 /// A new scene's tissue takes a second on a slow machine.
 const OBEY: Duration = Duration::from_secs(15);
 
+/// The help on the picture, as its keys opened and closed it.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct HelpState {
+    open: bool,
+    /// It is why the session is paused.
+    pauses: bool,
+}
+
 impl Session<'_> {
     /// Takes in requests, and the answers of processes.
     pub(super) fn receive_requests(&mut self) -> anyhow::Result<()> {
@@ -55,6 +63,12 @@ impl Session<'_> {
     pub(super) async fn serve_requests(&mut self) -> anyhow::Result<Option<&'static str>> {
         while let Some(PendingRequest { request, seq }) = self.control.take() {
             let done = match (request, self.paused_ns) {
+                (ControlRequest::Help, _) => self.help().await,
+                // Who pauses while help is open wants it to last.
+                (ControlRequest::Pause | ControlRequest::PauseOrResume, Some(_)) if self.help.pauses => {
+                    self.help.pauses = false;
+                    Ok(())
+                }
                 (ControlRequest::Pause | ControlRequest::PauseOrResume, None) => self.pause().await,
                 (ControlRequest::Resume | ControlRequest::PauseOrResume, Some(since)) => {
                     self.resume(since).await
@@ -87,10 +101,23 @@ impl Session<'_> {
     async fn resume(&mut self, since: Nanos) -> anyhow::Result<()> {
         self.command_all(Command::Start, 0).await?;
         let at = now();
-        self.paused_ns = None;
+        (self.paused_ns, self.help.pauses) = (None, false);
         self.attempt_ns += at.saturating_sub(since);
         self.consumers.latencies.warm_from(at + WARM_UP_NS);
         Ok(())
+    }
+
+    /// Help was opened, and everything stands still; or closed, and what it stopped goes on.
+    async fn help(&mut self) -> anyhow::Result<()> {
+        self.help.open = !self.help.open;
+        match (self.help.open, self.paused_ns) {
+            (true, None) => {
+                self.help.pauses = true;
+                self.pause().await
+            }
+            (false, Some(since)) if std::mem::take(&mut self.help.pauses) => self.resume(since).await,
+            _ => Ok(()),
+        }
     }
 
     async fn next_level(&mut self) -> anyhow::Result<()> {
@@ -110,7 +137,7 @@ impl Session<'_> {
     /// message belongs to both.
     async fn begin_again(&mut self, command: Command, level: u32) -> anyhow::Result<()> {
         self.consumers.latencies.cool();
-        self.paused_ns = Some(now());
+        (self.paused_ns, self.help) = (Some(now()), HelpState::default());
         self.command_all(Command::Pause, 0).await?;
         self.end_attempt().await;
         let number = self.attempts.len() as u32;
