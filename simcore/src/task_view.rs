@@ -163,7 +163,7 @@ pub fn push_start(scene: &TaskScene, out: &mut String) {
     if let Some(first) = scene.goals.first() {
         Row::Plain(&format!("First: {}", asked(first))).push(out);
     }
-    Row::Plain("The clock starts with your first movement and stands while help is open {help}").push(out);
+    Row::Plain("The clock starts when you move and stands during help {help}").push(out);
 }
 
 /// Lines of a task `elapsed_s` after its beginning, with so many of its goals reached: level, time
