@@ -46,7 +46,7 @@ fn level_1_of_navigation_is_finished_by_inputs_alone() {
     let list = results(&["--csv", "-"]).expect_code(0).stdout;
     let marked: Vec<bool> = list.lines().skip(1).map(|row| row.split(',').nth(3) == Some("true")).collect();
     assert_eq!(marked, [true, false, true], "{list}");
-    results(&["delete", "t7", "--attempt", "1"]).expect_code(0);
+    vitreo(&["results", "delete", "t7", "--attempt", "1", "--store", &store]).expect_code(0);
     assert_eq!(results(&["--trainee", "t7", "--csv", "-"]).expect_code(0).stdout.lines().count(), 3);
     let typo = results(&["--trainee", "t8"]).expect_code(1).stderr;
     assert!(typo.contains("no trainee 't8'") && typo.contains("t7"), "{typo}");
