@@ -258,7 +258,8 @@ pub const TRACKER: &str = "tracker";
 
 impl Provenance {
     /// Version of its state hashes where it is not one that hashes this scene as
-    /// [`STATE_HASH_VERSION`] does, so that states cannot be compared; 0 for a version that is no number. Recordings that name none are of version 1.
+    /// [`STATE_HASH_VERSION`] does, so that states cannot be compared; 0 for a version that is no
+    /// number. Recordings that name none are of version 1.
     pub fn other_state_hash_version(&self) -> Option<u32> {
         let version = self.versions.get(STATE_HASH).map_or(1, |v| v.parse().unwrap_or(0));
         let has_task = self.scene_toml.lines().any(|line| line.trim() == "[task]");
@@ -374,4 +375,23 @@ pub enum MessageError {
     /// A number makes no sense.
     #[error("{0}")]
     Invalid(Invalid),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn states_of_the_version_before_are_comparable_where_the_scene_has_no_task() {
+        let other = |version: u32, scene_toml: &str| {
+            let versions = [(STATE_HASH.to_owned(), version.to_string())].into();
+            let scene_toml = scene_toml.to_owned();
+            Provenance { versions, scene_toml, ..Provenance::default() }.other_state_hash_version()
+        };
+        let (bare, with_task) = ("title = \"[task]\"\n[eye]\n", "title = \"t\"\n[task]\n");
+        assert_eq!([bare, with_task].map(|scene| other(STATE_HASH_VERSION, scene)), [None, None]);
+        assert_eq!([bare, with_task].map(|scene| other(STATE_HASH_WITHOUT_TASK, scene)), [None, Some(2)]);
+        assert_eq!(other(1, bare), Some(1));
+        assert_eq!(other(STATE_HASH_VERSION + 1, bare), Some(STATE_HASH_VERSION + 1));
+    }
 }
