@@ -72,7 +72,7 @@ fn the_clock_starts_with_the_first_movement_or_the_pedal() {
         }
         said.iter().find(|(_, kind)| *kind == EventKind::TaskStarted).map(|(field, _)| *field)
     };
-    let trembling = |field: u64| if field % 2 == 0 { 0.15 } else { -0.15 };
+    let trembling = |field: u64| if field.is_multiple_of(2) { 0.15 } else { -0.15 };
     assert_eq!(begin(&trembling, false), None, "a hand that rests");
     assert_eq!(begin(&trembling, true), Some(100));
     let moved = begin(&|field| 0.02 * field.saturating_sub(100) as f64, false).unwrap();
