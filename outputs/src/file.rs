@@ -2,16 +2,21 @@
 
 use super::claim::{is_being_written, is_device};
 use super::{OutputError, STDOUT};
-use rustix::fs::{FlockOperation, flock};
+use rustix::fs::{FlockOperation, Mode, OFlags, flock};
+use rustix::io::Errno;
 use std::fs::{self, File, OpenOptions, Permissions};
 use std::io::{self, BufWriter, Write};
 use std::os::fd::AsFd;
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 use tempfile::{Builder, NamedTempFile, PersistError, TempPath};
 
 /// Buffer of a file, bytes.
 const BUFFER: usize = 64 << 10;
+/// How long a named pipe may be without a reader, and how often it is tried meanwhile.
+const READER_PATIENCE: Duration = Duration::from_secs(5);
+const READER_POLL: Duration = Duration::from_millis(20);
 
 /// A file that appears whole under its name with [`OutputFile::finish`]; dropped before, it never
 /// was. Standard output and devices are written as they are.
@@ -138,6 +143,15 @@ impl GrowingFile {
         &self.path
     }
 
+    /// Lets nobody but its owner read it: what a trainee did is nobody else's business.
+    ///
+    /// # Errors
+    /// Where the system refuses.
+    pub fn make_private(&self) -> Result<(), OutputError> {
+        let Some((_, place)) = &self.unnamed else { return Ok(()) };
+        self.file.set_permissions(Permissions::from_mode(0o600)).map_err(|e| place.refused(e))
+    }
+
     /// The file, to be written from its start; it stays locked as long as one handle is open.
     ///
     /// # Errors
@@ -214,6 +228,7 @@ fn direct(path: &Path) -> Result<Option<File>, OutputError> {
         return Ok(Some(descriptor.into()));
     }
     match path.metadata() {
+        Ok(found) if found.file_type().is_fifo() => pipe(path).map(Some).map_err(refused),
         Ok(found) if is_device(&found) => {
             OpenOptions::new().write(true).open(path).map(Some).map_err(refused)
         }
@@ -221,10 +236,57 @@ fn direct(path: &Path) -> Result<Option<File>, OutputError> {
     }
 }
 
+/// A named pipe, once somebody reads it. Opening it would wait for a reader without end, and no signal
+/// would end that.
+fn pipe(path: &Path) -> io::Result<File> {
+    let until = Instant::now() + READER_PATIENCE;
+    loop {
+        let flags = OFlags::WRONLY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        match rustix::fs::open(path, flags, Mode::empty()) {
+            Ok(opened) => {
+                rustix::fs::fcntl_setfl(&opened, OFlags::empty())?;
+                return Ok(opened.into());
+            }
+            Err(Errno::NXIO) if Instant::now() < until => std::thread::sleep(READER_POLL),
+            Err(Errno::NXIO) => {
+                let patience = READER_PATIENCE.as_secs();
+                return Err(io::Error::other(format!("a pipe that nobody has read for {patience} s")));
+            }
+            Err(other) => return Err(other.into()),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::Outputs;
     use super::*;
+
+    #[test]
+    fn a_pipe_without_a_reader_is_refused_and_one_with_a_reader_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("pipe");
+        rustix::fs::mknodat(rustix::fs::CWD, &path, rustix::fs::FileType::Fifo, Mode::RUSR | Mode::WUSR, 0)
+            .unwrap();
+        let told = Outputs::new(false).write(&path, "x").unwrap_err().to_string();
+        assert!(told.contains("nobody has read"), "{told}");
+        let reader = std::thread::spawn({
+            let path = path.clone();
+            move || fs::read_to_string(path).unwrap()
+        });
+        Outputs::new(false).write(&path, "whole").unwrap();
+        assert_eq!(reader.join().unwrap(), "whole");
+    }
+
+    #[test]
+    fn a_private_file_is_its_owners_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mcap");
+        let mut file = Outputs::new(false).grow(&path).unwrap();
+        file.make_private().unwrap();
+        file.appear().unwrap();
+        assert_eq!(path.metadata().unwrap().permissions().mode() & 0o777, 0o600);
+    }
 
     fn names(folder: &Path) -> Vec<String> {
         let entries = fs::read_dir(folder).unwrap().flatten();

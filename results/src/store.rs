@@ -4,6 +4,8 @@
 use crate::attempt::{Attempt, Points, Stored};
 use crate::schema::{APPLICATION_ID, STEPS, VERSION};
 use rusqlite::{Connection, ErrorCode, OptionalExtension, Row, Transaction, TransactionBehavior, params};
+use std::fs::{DirBuilder, Permissions};
+use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -141,6 +143,15 @@ pub fn check_name(name: &str) -> Result<(), StoreError> {
     Err(StoreError::Value { field: "trainee", expected, found: format!("'{name}'") })
 }
 
+/// Takes from others what they may do with a store; somebody else's, or one on a read-only disk, stays as
+/// it is.
+fn make_private(path: &Path) {
+    let mode = path.metadata().map_or(0, |found| found.permissions().mode());
+    if mode & 0o077 != 0 {
+        let _ = std::fs::set_permissions(path, Permissions::from_mode(mode & 0o700));
+    }
+}
+
 impl Store {
     /// Opens a store and brings its schema up to date; makes one where there is none.
     ///
@@ -151,7 +162,8 @@ impl Store {
             let file = path.display().to_string();
             let store_error =
                 |e: std::io::Error| StoreError::Other { file, problem: format!("make its folder: {e}") };
-            std::fs::create_dir_all(folder).map_err(store_error)?;
+            let mut private = DirBuilder::new();
+            private.recursive(true).mode(0o700).create(folder).map_err(store_error)?;
         }
         Self::open_with(path, PATIENCE)
     }
@@ -176,10 +188,14 @@ impl Store {
         let connection = Connection::open(path).map_err(store_error)?;
         connection.busy_timeout(patience).map_err(store_error)?;
         connection.pragma_update(None, "foreign_keys", true).map_err(store_error)?;
+        // "Kept" holds after a power failure at the next instant: the removal of the journal is synced too,
+        // without which the change would be rolled back.
+        connection.pragma_update(None, "synchronous", "EXTRA").map_err(store_error)?;
         // What a trainee has deleted is overwritten, not only forgotten.
         connection.pragma_update(None, "secure_delete", true).map_err(store_error)?;
         let mut store = Store { path: path.into(), connection, patience };
         store.migrate()?;
+        make_private(path);
         Ok(store)
     }
 

@@ -25,7 +25,7 @@ use crate::tracking::Tracking;
 use anyhow::bail;
 use ipc::clock::now;
 use ipc::{Instance, Sender};
-use outputs::Outputs;
+use outputs::{GrowingFile, Outputs};
 use protocol::budget::Budgets;
 use protocol::control::{Answer, Command, Notice};
 use protocol::health::Process;
@@ -173,6 +173,7 @@ impl<'a> Session<'a> {
         let provenance = super::provenance(args)?;
         let instance = Instance::own(&args.instance)?;
         let file = args.record.as_deref().map(|file| outputs.grow(file)).transpose()?;
+        file.iter().try_for_each(GrowingFile::make_private)?;
         let recorder = file.map(|file| Recorder::start(file, &provenance)).transpose()?;
         let tracking = Tracking::new(&Rig::load_or_shipped(args.rig.as_deref())?);
         let (latencies, monitor, resume) = (LatencyStats::default(), Monitor::default(), Resume::default());

@@ -266,3 +266,19 @@ fn the_default_place_follows_the_specification() {
     assert_eq!(place(Some("relative"), Some("/h")).as_deref(), Some("/h/.local/share/vitreo/results.sqlite"));
     assert_eq!(place(None, None), None);
 }
+
+#[test]
+fn a_store_is_its_owners_alone_and_syncs_the_removal_of_its_journal() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("vitreo/results.sqlite");
+    let mode = |path: &Path| path.metadata().unwrap().permissions().mode() & 0o777;
+    let store = Store::open_or_create(&path).unwrap();
+    let level: i64 = store.connection.pragma_query_value(None, "synchronous", |row| row.get(0)).unwrap();
+    assert_eq!(level, 3, "EXTRA");
+    assert_eq!((mode(&path), mode(path.parent().unwrap())), (0o600, 0o700));
+    drop(store);
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o644)).unwrap();
+    Store::open(&path).unwrap();
+    assert_eq!(mode(&path), 0o600, "the mode of an older store is mended");
+}

@@ -160,6 +160,7 @@ impl Session<'_> {
     fn recorder_of_attempt(&self) -> anyhow::Result<Option<Recorder>> {
         let Some(file) = &self.args.record else { return Ok(None) };
         let file = Outputs::new(self.args.force.force).grow(file)?;
+        file.make_private()?;
         let mut recorder = Recorder::start(file, &self.provenance)?;
         recorder.appear()?;
         Ok(Some(recorder))
