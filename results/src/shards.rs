@@ -70,6 +70,7 @@ impl Origin {
             ("list_sha256", self.list_sha256.clone()),
             ("made", self.made.clone()),
             ("rows_sha256", digest_of(table)),
+            ("column_kinds", kinds_of(table)),
         ]
     }
 
@@ -108,6 +109,11 @@ fn digest_of(table: &Table) -> String {
     Sha256::digest(&text).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
+/// Kinds of the columns: the rows do not tell them where a column is empty.
+fn kinds_of(table: &Table) -> String {
+    table.columns.iter().map(|column| column.cells.kind()).collect::<Vec<_>>().join(",")
+}
+
 /// Reads a shard's table and holds it to what it says of itself.
 ///
 /// # Errors
@@ -120,7 +126,9 @@ pub fn read<R: ChunkReader + 'static>(from: R) -> Result<ShardTable, ShardError>
         return Err(ShardError::Rows { expected, found });
     }
     let told = notes.get("rows_sha256").ok_or(ShardError::Note("rows_sha256"))?;
-    if *told != digest_of(&table) {
+    // Tables of earlier builds name no kinds.
+    let other_kinds = notes.get("column_kinds").is_some_and(|kinds| *kinds != kinds_of(&table));
+    if *told != digest_of(&table) || other_kinds {
         return Err(ShardError::Changed);
     }
     Ok(ShardTable { origin, table })

@@ -22,6 +22,17 @@ pub enum Cells {
 }
 
 impl Cells {
+    /// What they hold, in a word.
+    pub(crate) fn kind(&self) -> &'static str {
+        match self {
+            Cells::Text(_) => "text",
+            Cells::Whole(_) => "whole",
+            Cells::Natural(_) => "natural",
+            Cells::Real(_) => "real",
+            Cells::Truth(_) => "truth",
+        }
+    }
+
     /// How many there are.
     pub(crate) fn len(&self) -> usize {
         match self {
