@@ -170,6 +170,9 @@ fn shaft(cells: u32, rows: &mut Vec<Row>) {
 }
 
 fn main() {
+    if !std::env::args().any(|a| a == "--json") {
+        println!("{}", validation::compiled::line(&["tissue", "validation"]));
+    }
     let mut rows = Vec::new();
     for cells in [32, 64, 96] {
         let runs: Vec<_> = (0..ROUNDS).map(|_| single(cells, Way::Ours)).collect();

@@ -16,6 +16,7 @@
 
 pub mod camera_twin;
 pub mod closed_form;
+pub mod compiled;
 pub mod exact;
 pub mod moments;
 pub mod pipeline;

@@ -143,6 +143,7 @@ fn main() {
     let (json, small) = (has("--json"), has("--small"));
     let only: Vec<String> = std::env::args().skip(1).filter(|arg| !arg.starts_with("--")).collect();
     if !json {
+        println!("{}", validation::compiled::line(&["collision", "validation", "parry3d"]));
         println!("triangles  method            update µs    query µs    total µs  exact  found  returns");
     }
     let mut rows = Vec::new();

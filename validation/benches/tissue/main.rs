@@ -167,6 +167,7 @@ fn main() {
     let machine = roofline::Machine::measure();
     if !json {
         machine.print();
+        println!("{}", validation::compiled::line(&["tissue", "validation"]));
         println!("\n springs  method                  step µs    best µs  ns/spring  roofline");
     }
     for (i, &side) in SIDES.iter().enumerate().filter(|(i, _)| !small || *i < 3) {
