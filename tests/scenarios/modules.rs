@@ -7,7 +7,6 @@ use recording::Item;
 use recording::{Provenance, Recording, Source, Writer};
 use scene::SceneFile;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::sync::Mutex;
 use surgeon::motion::MotionUse;
 use surgeon::motion::recorded::RecordedMotion;
