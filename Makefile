@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test latency soak hour hour-live endure test-python fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
+.PHONY: help setup setup-python demo demo-repeat test latency soak hour hour-live endure test-python fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
 	version tag release-programs stage deb test-deb sbom reproducible deny clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -68,11 +68,16 @@ demo: setup ## Run 20 s of surgery, judge its latencies; leave recording, report
 	@echo; echo "drawn again from the recording, as a good graphics card draws it live:"
 	$(RELEASE) film out/demo.mcap --force --stills out/stills --every 2
 	$(RELEASE) film out/demo.mcap --force --tier 2 -o out/demo.mp4
-	@echo; echo "recording   out/demo.mcap     (vitreo info, vitreo trace, Foxglove)"; \
-	echo "report      out/report.json"; \
-	echo "pictures    out/stills/       (left and right channel side by side, 2x1280x1024)"; \
-	echo "film        out/demo.mp4      (any player; 2x640x512)"; echo
-	@$(RELEASE) budgets out/report.json --forgive-load
+	@echo; echo "what you have now:"; \
+	echo "  pictures    out/stills/       left and right channel side by side, 2x1280x1024"; \
+	echo "  film        out/demo.mp4      any player; 2x640x512"; \
+	echo "  recording   out/demo.mcap     vitreo info, vitreo trace, Foxglove"; \
+	echo "  report      out/report.json   every figure of the run"; echo
+	@$(RELEASE) budgets out/report.json --forgive-load --brief
+
+demo-repeat: setup ## Run what the demo judges 20 times in a row (RUNS=10 BESIDE=50: beside a program that takes half a core)
+	cargo build --release
+	RUNS="$(RUNS)" BESIDE="$(BESIDE)" VITREO=$(TARGET)/release tools/demo-repeat
 
 test: setup ## Format, lint, build and run every check
 	cargo fmt --all --check

@@ -28,7 +28,7 @@ mod supervisor;
 mod watch;
 
 pub use arguments::share;
-pub use load::Load;
+pub use load::{Judged, Load, NO_LOAD};
 pub use options::{ARRANGEMENTS, DeskArgs, RunArgs};
 pub use policy::MAX_RESTARTS;
 pub use watch::{Warning, Watch};

@@ -33,9 +33,9 @@ pub enum TierReason {
     Fixed = 2,
     /// Several of the last five frames were over the budget.
     Overload = 3,
-    /// More than one frame in twenty was over the budget.
+    /// More than one frame in a hundred was over the budget or close to it.
     Slow = 4,
-    /// A whole window of frames left room for a better picture.
+    /// Whole windows of frames left room for a better picture.
     Room = 5,
 }
 
@@ -59,7 +59,7 @@ impl TierReason {
             TierReason::Start => "where such a device begins",
             TierReason::Fixed => "fixed by --tier",
             TierReason::Overload => "frames over the budget",
-            TierReason::Slow => "more than one frame in twenty over the budget",
+            TierReason::Slow => "more than one frame in a hundred at the budget",
             TierReason::Room => "room for a better picture",
         }
     }

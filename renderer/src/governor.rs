@@ -1,10 +1,13 @@
 //! The quality governor: picks resolution and shading so that frames keep their budget.
 //!
-//! Pure: fed with measured frame times. It steps down within five frames of an overload, as far as
-//! the median frame requires: a few late frames are a disturbance that a lower tier would not help.
-//! It comes back slowly, only where the cost expected there fits with a margin, and waits longer
-//! after every return that failed. What other tiers cost was measured on this adapter (`costs`). A
-//! frame below the floor breaks the budget by itself, so only lasting overload leads there.
+//! Pure: fed with measured frame times. It judges as the budget does, by the time under which 99 of
+//! 100 frames stay, but asks for a margin: it leaves a tier as soon as more than one frame in a
+//! hundred of the last 500 is over 14 of 15 parts of the budget, and goes to a better one only where
+//! 99 of 100 are expected within 12. What is expected follows from what the frames took here, from
+//! what the tiers cost on this adapter (`costs`), and from what the better tier took when it was left;
+//! that is remembered the longer, the more often a return failed. A gross overload is answered within
+//! five frames, as far as the median frame requires. A frame below the floor breaks the budget by
+//! itself, so only lasting overload leads there.
 
 use crate::costs::Costs;
 use protocol::frames::TierReason;
@@ -80,35 +83,42 @@ pub const SOFTWARE_START: usize = 5;
 pub const HARDWARE_START: usize = 1;
 /// The least tier that a surgeon can train with; a frame at a lower one breaks the budget.
 pub const FLOOR: usize = 6;
-/// Frames examined for an overload.
+/// Frames that are judged together, ten seconds of them at 50 a second.
+const WINDOW: usize = 500;
+/// As many of them may be late: the rest are 99 of 100.
+const MAY_BE_LATE: usize = WINDOW / 100;
+/// Frames below the floor, where every one breaks the budget, and those that may be late.
+const WINDOW_BELOW_FLOOR: usize = 25;
+const MAY_BE_LATE_BELOW_FLOOR: usize = 2;
+/// Share of the budget over which a frame is late, and within which the frames of a better tier are
+/// expected: 14 and 12 ms of 15.
+const LATE: f64 = 14.0 / 15.0;
+const ROOM: f64 = 12.0 / 15.0;
+/// Frames examined for a gross overload, and those over the budget among them that make one: the
+/// median is.
 const RECENT: usize = 5;
-/// Late frames among them that make an overload: the median is late.
-const LATE: usize = 3;
+const OVER: usize = 3;
 /// The same from the floor on, where the next step would break the budget with every frame: only
 /// what lasts counts.
 const LASTING: usize = 25;
-const LASTING_LATE: usize = 13;
-/// Frames examined before going up, and below the floor, where every frame breaks the budget.
-const WINDOW: usize = 100;
-const WINDOW_BELOW_FLOOR: usize = 25;
-/// Share of the budget that the expected time of the better tier may take.
-const MARGIN: f64 = 0.75;
-/// The same for a typical frame of a tier to step down to.
+const LASTING_OVER: usize = 13;
+/// Share of the budget that a typical frame of a tier to step down to may take.
 const MARGIN_DOWN: f64 = 0.9;
 /// Right after a change: frames longer than this many budgets count, and this many of them in a
 /// row.
 const HOPELESS: (u64, u32) = (4, 2);
 /// Frames of rest after a change, so that a single hiccup does not count twice.
 const REST: u32 = 5;
-/// Longest back-off, in windows.
-const MAX_BACK_OFF: u32 = 32;
+/// Windows for which it is remembered what a tier took that was left: at first and at most.
+const REMEMBERED: u32 = 2;
+const REMEMBERED_AT_MOST: u32 = 32;
 
 /// Why the governor is at its tier, with the figure that decided.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reason {
     /// Why.
     pub why: TierReason,
-    /// Time of the worst frame, or that under which 95 of 100 frames stayed, ms; 0 where none was
+    /// Time of the worst frame, or that under which 99 of 100 frames stayed, ms; 0 where none was
     /// measured.
     pub took_ms: f64,
     /// Time a frame may take, ms.
@@ -120,11 +130,20 @@ impl fmt::Display for Reason {
         let Reason { why, took_ms, budget_ms } = self;
         match why {
             TierReason::Overload => write!(out, "frames of up to {took_ms:.0} ms, {budget_ms:.0} allowed"),
-            TierReason::Slow => write!(out, "1 frame in 20 over {took_ms:.0} ms, {budget_ms:.0} allowed"),
-            TierReason::Room => write!(out, "room: 19 frames in 20 under {took_ms:.0} ms"),
+            TierReason::Slow => write!(out, "1 frame in 100 over {took_ms:.1} ms, {budget_ms:.0} allowed"),
+            TierReason::Room => write!(out, "room: 99 frames in 100 under {took_ms:.1} ms"),
             other => out.write_str(other.text()),
         }
     }
+}
+
+/// What frames of a tier took when it was left.
+#[derive(Debug, Clone, Copy)]
+struct Left {
+    tier: usize,
+    took_ns: u64,
+    /// Windows for which that still counts.
+    windows: u32,
 }
 
 /// State of the governor.
@@ -134,14 +153,17 @@ pub struct Governor {
     tier: usize,
     fixed: bool,
     times_ns: [u64; WINDOW],
+    /// Frames since the last change or rest.
     count: usize,
+    /// Late ones of those that `times_ns` holds.
+    late: usize,
     rest: u32,
     /// Hopeless frames in a row since the last change.
     hopeless: u32,
     costs: Costs,
-    /// Windows to wait before the next try upwards.
-    back_off: u32,
-    waited: u32,
+    left: Option<Left>,
+    /// Windows for which the next tier that is left is remembered.
+    memory: u32,
     /// The last change went up, and is on trial.
     on_trial: bool,
     reason: Reason,
@@ -156,11 +178,12 @@ impl Governor {
             fixed: fixed.is_some(),
             times_ns: [0; WINDOW],
             count: 0,
+            late: 0,
             rest: REST,
             hopeless: 0,
             costs,
-            back_off: 1,
-            waited: 0,
+            left: None,
+            memory: REMEMBERED,
             on_trial: false,
             reason: Reason {
                 why: if fixed.is_some() { TierReason::Fixed } else { TierReason::Start },
@@ -193,23 +216,19 @@ impl Governor {
         if self.rest > 0 {
             return self.record_at_rest(frame_ns);
         }
-        self.times_ns[self.count % WINDOW] = frame_ns;
-        self.count += 1;
-        let (most, enough) = if self.tier < FLOOR { (RECENT, LATE) } else { (LASTING, LASTING_LATE) };
-        let recent = most.min(self.count);
-        let late = (1..=recent).filter(|&k| self.nth_last(k) > self.budget_ns).count();
-        if late >= enough {
-            let mut last = [0; LASTING];
-            (0..recent).for_each(|k| last[k] = self.nth_last(k + 1));
-            last[..recent].sort_unstable();
-            let (typical, worst) = (last[recent / 2], last[recent - 1]);
+        self.keep(frame_ns);
+        if let Some((typical, worst)) = self.gross_overload() {
             return self.step_down(self.tier_for(typical), TierReason::Overload, worst);
         }
-        let window = if self.tier > FLOOR { WINDOW_BELOW_FLOOR } else { WINDOW };
-        if self.count < window {
-            return false;
+        // However the frames after these turn out, 99 of 100 are not in time. Below the floor all of
+        // them would break the budget to save a few.
+        if self.late > MAY_BE_LATE && self.tier < FLOOR {
+            return self.step_down(self.tier + 1, TierReason::Slow, self.all_but(MAY_BE_LATE));
         }
-        self.end_of_window(window)
+        let below = self.tier > FLOOR;
+        let window = if below { WINDOW_BELOW_FLOOR } else { WINDOW };
+        self.count.is_multiple_of(window)
+            && self.end_of_window(if below { MAY_BE_LATE_BELOW_FLOOR } else { MAY_BE_LATE })
     }
 
     /// Right after a change: two frames in a row that are far over the budget leave the tier.
@@ -219,6 +238,36 @@ impl Governor {
         self.hopeless = if frame_ns > budgets * self.budget_ns { self.hopeless + 1 } else { 0 };
         let leave = self.hopeless >= in_a_row && self.tier < FLOOR;
         leave && self.step_down(self.tier_for(frame_ns), TierReason::Overload, frame_ns)
+    }
+
+    /// Takes a time in, in place of the oldest.
+    fn keep(&mut self, frame_ns: u64) {
+        let late_ns = self.share(LATE);
+        let place = &mut self.times_ns[self.count % WINDOW];
+        if self.count >= WINDOW && *place > late_ns {
+            self.late -= 1;
+        }
+        self.late += usize::from(frame_ns > late_ns);
+        *place = frame_ns;
+        self.count += 1;
+    }
+
+    fn share(&self, of_budget: f64) -> u64 {
+        (self.budget_ns as f64 * of_budget).round() as u64
+    }
+
+    /// Typical and worst of the last frames, if the typical one is over the budget.
+    fn gross_overload(&self) -> Option<(u64, u64)> {
+        let (most, enough) = if self.tier < FLOOR { (RECENT, OVER) } else { (LASTING, LASTING_OVER) };
+        let recent = most.min(self.count);
+        let over = (1..=recent).filter(|&k| self.nth_last(k) > self.budget_ns).count();
+        if over < enough {
+            return None;
+        }
+        let mut last = [0; LASTING];
+        (0..recent).for_each(|k| last[k] = self.nth_last(k + 1));
+        last[..recent].sort_unstable();
+        Some((last[recent / 2], last[recent - 1]))
     }
 
     /// The best lower tier at which a frame that took `typical_ns` here fits; below the floor only
@@ -235,49 +284,55 @@ impl Governor {
         self.times_ns[(self.count - k) % WINDOW]
     }
 
-    /// A full window: leave if more than one frame in twenty was late, try upwards if it fits.
-    fn end_of_window(&mut self, window: usize) -> bool {
-        self.times_ns[..window].sort_unstable();
-        let p95 = self.times_ns[window * 95 / 100 - 1];
-        self.count = 0;
-        if p95 > self.budget_ns {
-            // Below the floor all frames would break the budget to save a few.
-            return self.tier < FLOOR && self.step_down(self.tier + 1, TierReason::Slow, p95);
+    /// The longest of the frames that are kept, but for so many.
+    fn all_but(&self, longer: usize) -> u64 {
+        let mut times = self.times_ns;
+        let kept = &mut times[..self.count.min(WINDOW)];
+        let place = kept.len().saturating_sub(longer + 1);
+        *kept.select_nth_unstable(place).1
+    }
+
+    /// Whole windows were in time: up, if 99 of 100 frames of the next tier are expected to be so.
+    fn end_of_window(&mut self, may_be_late: usize) -> bool {
+        let took = self.all_but(may_be_late);
+        if std::mem::take(&mut self.on_trial) {
+            self.memory = (self.memory / 2).max(REMEMBERED);
         }
-        if self.on_trial {
-            // A whole window held: the doubt is over.
-            self.on_trial = false;
-            self.back_off = (self.back_off / 2).max(1);
-        }
-        self.waited += 1;
-        if self.tier == 0 || self.waited < self.back_off {
-            return false;
-        }
-        if p95 as f64 * self.costs.ratio(self.tier, self.tier - 1) > self.budget_ns as f64 * MARGIN {
+        let up = self.tier.checked_sub(1);
+        let expected = up.map_or(f64::INFINITY, |better| self.expected_ns(better, took));
+        self.left = self.left.filter(|l| l.windows > 1).map(|l| Left { windows: l.windows - 1, ..l });
+        if expected > self.budget_ns as f64 * ROOM {
             return false;
         }
         self.on_trial = true;
-        self.change_to(self.tier - 1, TierReason::Room, p95)
+        self.change_to(self.tier - 1, TierReason::Room, took)
+    }
+
+    /// Time under which 99 of 100 frames of a better tier would stay, where they stay under `took_ns`
+    /// here; no less than follows from what a tier took that was left a while ago.
+    fn expected_ns(&self, better: usize, took_ns: u64) -> f64 {
+        let from = |tier: usize, took: u64| took as f64 * self.costs.ratio(tier, better);
+        let then = self.left.map_or(0.0, |left| from(left.tier, left.took_ns));
+        from(self.tier, took_ns).max(then)
     }
 
     fn step_down(&mut self, to: usize, why: TierReason, took_ns: u64) -> bool {
-        if self.on_trial {
-            self.back_off = (self.back_off * 2).min(MAX_BACK_OFF);
-            self.on_trial = false;
+        if std::mem::take(&mut self.on_trial) {
+            self.memory = (self.memory * 2).min(REMEMBERED_AT_MOST);
         }
         let to = to.min(TIERS.len() - 1);
         if to == self.tier {
-            self.count = 0;
+            (self.count, self.late) = (0, 0);
             return false;
         }
+        self.left = Some(Left { tier: self.tier, took_ns, windows: self.memory });
         self.change_to(to, why, took_ns)
     }
 
     fn change_to(&mut self, tier: usize, why: TierReason, took_ns: u64) -> bool {
         self.reason = Reason { why, took_ms: took_ns as f64 * 1e-6, ..self.reason };
         self.tier = tier;
-        self.count = 0;
-        self.waited = 0;
+        (self.count, self.late) = (0, 0);
         self.rest = REST;
         self.hopeless = 0;
         true
@@ -285,155 +340,4 @@ impl Governor {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const BUDGET: u64 = 15_000_000;
-
-    fn governor(start: usize) -> Governor {
-        Governor::new(BUDGET, start, None, Costs::default())
-    }
-
-    /// A machine that needs `ns_per_px` for each pixel of both channels, 20 times as long for a
-    /// fully shaded one, and 1 ms besides.
-    fn run(governor: &mut Governor, ns_per_px: u64, frames: usize) -> usize {
-        let mut late = 0;
-        for _ in 0..frames {
-            let t = governor.tier();
-            let dearer = if t.shading == Shading::Full { 20 } else { 1 };
-            let time = 1_000_000 + 2 * dearer * u64::from(t.width_px * t.height_px) * ns_per_px;
-            late += usize::from(time > BUDGET);
-            governor.record_frame(time);
-        }
-        late
-    }
-
-    #[test]
-    fn settles_where_the_budget_holds() {
-        for ns_per_px in [1, 10, 40, 100, 200] {
-            let mut governor = governor(SOFTWARE_START);
-            run(&mut governor, ns_per_px, 3_000);
-            let settled = governor.tier_index();
-            assert_eq!(run(&mut governor, ns_per_px, 2_000), 0, "{ns_per_px} ns/px at tier {settled}");
-        }
-        let alike = Costs::measured(&[Some(1_000_000); TIERS.len()]);
-        let mut fast = Governor::new(BUDGET, HARDWARE_START, None, alike);
-        run(&mut fast, 0, 2_000);
-        assert_eq!(fast.tier_index(), 0);
-        assert_eq!((fast.reason().why, fast.reason().took_ms), (TierReason::Room, 1.0));
-    }
-
-    #[test]
-    fn overload_is_answered_within_five_frames() {
-        let mut governor = governor(3);
-        (0..50).for_each(|_| assert!(!governor.record_frame(8_000_000)));
-        let answered = (0..5).position(|_| governor.record_frame(16_000_000));
-        assert!(answered.is_some());
-        assert_eq!(governor.tier_index(), 4);
-        assert_eq!(governor.reason().to_string(), "frames of up to 16 ms, 15 allowed");
-    }
-
-    #[test]
-    fn it_falls_no_further_than_it_must() {
-        // Twice the budget at 2×640×512: the next tier would need 17 ms, the one after that 12.
-        let mut steady = governor(3);
-        (0..20).any(|_| steady.record_frame(30_000_000));
-        assert_eq!(steady.tier_index(), 5);
-        // Two frames of 100 ms among good ones do not count, and one more does not make the good
-        // ones bad.
-        let mut disturbed = governor(3);
-        (0..20).for_each(|_| assert!(!disturbed.record_frame(14_000_000)));
-        assert!(
-            !disturbed.record_frame(100_000_000)
-                && !disturbed.record_frame(100_000_000)
-                && disturbed.record_frame(16_000_000)
-        );
-        assert_eq!(disturbed.tier_index(), 4, "for the typical one, 16 ms");
-        // Below the floor only what lasts at the floor leads.
-        let mut long = governor(SOFTWARE_START);
-        let mut changes = Vec::new();
-        for _ in 0..70 {
-            if long.record_frame(200_000_000) {
-                changes.push(long.tier_index());
-            }
-        }
-        assert_eq!(changes, [6, 7, 8], "after 2, 18 and 18 frames");
-    }
-
-    #[test]
-    fn a_hiccup_right_after_a_change_is_none() {
-        let mut governor = governor(SOFTWARE_START);
-        assert!(!governor.record_frame(90_000_000));
-        (0..90).for_each(|i| assert!(!governor.record_frame(8_000_000), "frame {i}"));
-        assert_eq!(governor.tier_index(), SOFTWARE_START);
-    }
-
-    #[test]
-    fn a_few_late_frames_change_nothing() {
-        let mut governor = governor(3);
-        for i in 0..400 {
-            let late = i % 50 == 20 || i % 50 == 21;
-            assert!(!governor.record_frame(if late { 40_000_000 } else { 11_000_000 }), "frame {i}");
-        }
-    }
-
-    #[test]
-    fn failed_returns_become_rare() {
-        // Tier 5 always fails although its expected cost fits.
-        let mut governor = governor(6);
-        let mut tries = Vec::new();
-        for i in 0..20_000 {
-            let before = governor.tier_index();
-            governor.record_frame(if before <= 5 { 20_000_000 } else { 3_000_000 });
-            if governor.tier_index() < before {
-                tries.push(i);
-            }
-        }
-        let gaps: Vec<i32> = tries.windows(2).map(|w| w[1] - w[0]).collect();
-        assert!(gaps.len() >= 3 && gaps[gaps.len() - 1] > 4 * gaps[0], "{gaps:?}");
-    }
-
-    #[test]
-    fn hopeless_start_is_left_at_once_and_fixed_stays() {
-        let mut governor = governor(HARDWARE_START);
-        assert!(!governor.record_frame(300_000_000) && governor.record_frame(300_000_000));
-        assert_eq!(governor.tier_index(), 3, "a thirtieth: a twentieth for its shading, and fewer pixels");
-        assert_eq!(governor.reason().why, TierReason::Overload);
-        let mut fixed = Governor::new(BUDGET, 0, Some(99), Costs::default());
-        assert_eq!(fixed.reason().to_string(), "fixed by --tier");
-        assert_eq!(fixed.tier_index(), TIERS.len() - 1);
-        assert!((0..500).all(|_| !fixed.record_frame(300_000_000)));
-    }
-
-    #[test]
-    fn slow_frames_that_never_crowd_are_named_as_such_and_do_not_lead_below_the_floor() {
-        let mut governor = governor(3);
-        // One in ten is late, and never two among five.
-        let mut note = |frames: usize| {
-            (0..frames)
-                .filter(|i| governor.record_frame(if i % 10 == 0 { 16_000_000 } else { 9_000_000 }))
-                .count()
-        };
-        assert_eq!(note(150), 1);
-        assert_eq!(note(1_000), 2);
-        assert_eq!((governor.tier_index(), governor.reason().why), (FLOOR, TierReason::Slow));
-        assert_eq!(governor.reason().to_string(), "1 frame in 20 over 16 ms, 15 allowed");
-    }
-
-    #[test]
-    fn it_leaves_the_depths_below_the_floor_soon() {
-        let mut governor = governor(FLOOR + 1);
-        let frames = (0..100).position(|_| governor.record_frame(5_000_000));
-        assert!(frames.is_some_and(|n| n <= 30), "{frames:?}");
-        assert_eq!(governor.tier_index(), FLOOR);
-    }
-
-    #[test]
-    fn tiers_fall_and_keep_their_shape() {
-        for pair in TIERS.windows(2) {
-            assert!(pair[1].width_px <= pair[0].width_px);
-            assert!(pair[1].width_px < pair[0].width_px || pair[1].shading != pair[0].shading);
-        }
-        assert!(TIERS.iter().all(|t| t.width_px * 4 == t.height_px * 5), "5:4");
-    }
-}
+mod tests;

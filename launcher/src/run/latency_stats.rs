@@ -4,6 +4,7 @@
 //! warm (one second after the start, or after a process was restarted) is counted as warm-up and
 //! takes no part in any percentile.
 
+use super::load::Judged;
 use hdrhistogram::Histogram;
 use protocol::budget::{Budget, Budgets, Stage, frame_latencies, pose_latencies, step_latencies};
 use protocol::frames::{BELOW_FLOOR, FrameRecord, PICTURE_HELD};
@@ -293,6 +294,15 @@ impl StageFigures {
     /// True if there was something to judge, and a limit to judge it by.
     pub fn is_judged(&self) -> bool {
         matches!(self.verdict, Verdict::Kept | Verdict::Broken)
+    }
+
+    /// What its budgets are asked of.
+    pub fn judged(&self) -> Judged {
+        Judged {
+            times_ms: [[self.judged_ms, self.budget_ms], [self.mean_ms, self.mean_budget_ms]],
+            below_floor: self.below_floor,
+            count: self.count,
+        }
     }
 
     /// Which budget is broken, by how much, and where it was worst.

@@ -1,10 +1,11 @@
-//! How busy the machine was with other things while a run went on, by /proc/stat.
+//! How busy the machine was with other things while a run went on, by /proc/stat, and how much of a
+//! broken budget that explains.
 
 use serde::{Deserialize, Serialize};
 use std::fs::read_to_string;
 
-/// From this share of the processors on others can break a budget: with two, a fifth of one.
-const LOADED_PERCENT: f64 = 10.0;
+/// What is said where the system does not tell.
+pub const NO_LOAD: &str = "what else the machine did is not known";
 
 /// Time of all processors since the machine's start, in ticks, by what it went to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,9 +44,23 @@ pub struct Load {
 }
 
 impl Load {
-    /// True if others may have broken a budget.
-    pub fn is_loaded(&self) -> bool {
-        self.others_percent + self.stolen_percent >= LOADED_PERCENT
+    /// Share of the processors' time that was not the run's to have, 0 to 0.99.
+    fn share_taken(&self) -> f64 {
+        (0.01 * (self.others_percent + self.stolen_percent)).clamp(0.0, 0.99)
+    }
+
+    /// How long may take beside this load what may take `budget_ms` on an idle machine:
+    /// `budget / (1 − share taken)`, as if it had been slowed down evenly, ms.
+    pub fn allowed_ms(&self, budget_ms: f64) -> f64 {
+        budget_ms / (1.0 - self.share_taken())
+    }
+
+    /// True if the load explains all of the excess: times within [`Self::allowed_ms`], and no larger
+    /// share of frames below the least tier than was taken of the processors.
+    pub fn explains(&self, judged: &Judged) -> bool {
+        let within = |[took, budget]: [f64; 2]| budget <= 0.0 || took <= self.allowed_ms(budget);
+        judged.times_ms.into_iter().all(within)
+            && judged.below_floor as f64 <= self.share_taken() * judged.count as f64
     }
 
     /// In words.
@@ -57,6 +72,17 @@ impl Load {
         }
         format!("{others}, the host of this machine {stolen_percent:.0} %")
     }
+}
+
+/// What a stage of a run is judged by.
+#[derive(Debug, Clone, Copy)]
+pub struct Judged {
+    /// Its times beside their budgets (0: none), ms: at the judged percentile, and the mean.
+    pub times_ms: [[f64; 2]; 2],
+    /// Frames drawn at a tier too low to train with.
+    pub below_floor: u64,
+    /// Of how many.
+    pub count: u64,
 }
 
 /// Measures the load from a first instant to the last.
@@ -102,10 +128,28 @@ mod tests {
         // 160 of 400 ticks busy, of which half a processor of two is the run's own.
         let found = load(&before, &after, 0.5).unwrap();
         assert_eq!(found, Load { processors: 2, others_percent: 15.0, stolen_percent: 5.0 });
-        assert!(found.is_loaded() && found.text().contains("15 % of the 2") && found.text().ends_with("5 %"));
+        assert!(found.text().contains("15 % of the 2") && found.text().ends_with("5 %"));
         let own = load(&before, &after, 0.9).unwrap();
         assert_eq!(own.others_percent, 0.0, "its own share is measured by other clocks");
-        assert!(!own.is_loaded());
+    }
+
+    #[test]
+    fn a_load_explains_no_more_than_the_time_that_it_took() {
+        let load = |others_percent, stolen_percent| Load { processors: 2, others_percent, stolen_percent };
+        let quarter = load(20.0, 5.0);
+        assert!((quarter.allowed_ms(15.0) - 20.0).abs() < 1e-9);
+        let judged = |p99, mean| Judged { times_ms: [[p99, 15.0], [mean, 12.0]], below_floor: 0, count: 900 };
+        assert!(quarter.explains(&judged(19.9, 15.9)));
+        assert!(!quarter.explains(&judged(20.1, 10.0)) && !quarter.explains(&judged(10.0, 16.1)));
+        assert!(
+            !load(1.0, 0.0).explains(&judged(15.5, 10.0)) && load(4.0, 0.0).explains(&judged(15.5, 10.0))
+        );
+        // Where there is no budget nothing is over it; frames below the floor are no matter of time.
+        let floor = |below_floor| Judged { times_ms: [[90.0, 0.0], [90.0, 0.0]], below_floor, count: 900 };
+        assert!(quarter.explains(&floor(225)) && !quarter.explains(&floor(226)));
+        for beyond in [load(900.0, 0.0), load(-5.0, 0.0)] {
+            assert!((15.0..1501.0).contains(&beyond.allowed_ms(15.0)));
+        }
     }
 
     #[test]

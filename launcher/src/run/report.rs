@@ -5,7 +5,7 @@ mod paper;
 pub use paper::{PaperLine, paper_table_4};
 
 use super::latency_stats::{LatencyStats, StageFigures};
-use super::load::Load;
+use super::load::{Load, NO_LOAD};
 use super::watch::Warning;
 use crate::machine::Machine;
 use crate::tracking::TrackingFigures;
@@ -283,19 +283,20 @@ impl Report {
         writeln!(out, "{}", self.judgement())
     }
 
-    /// Whether budgets were kept, in words; where not, whether other programs may be the reason.
+    /// Whether budgets were kept, in words; where not, whether other programs explain it.
     pub fn judgement(&self) -> String {
         let judged: Vec<&StageFigures> = self.stages.iter().filter(|s| s.is_judged()).collect();
-        let broken: Vec<&str> = judged.iter().filter(|s| s.broken).map(|s| s.stage.name()).collect();
-        let load = self.load.map(|l| l.text()).unwrap_or_else(|| "the system does not tell its load".into());
-        match (judged.is_empty(), broken.is_empty(), self.load.is_some_and(|l| l.is_loaded())) {
+        let broken: Vec<&StageFigures> = judged.iter().copied().filter(|s| s.broken).collect();
+        let names = broken.iter().map(|s| s.stage.name()).collect::<Vec<_>>().join(", ");
+        let load = self.load.map_or_else(|| NO_LOAD.to_owned(), |l| l.text());
+        let explained = self.load.is_some_and(|l| broken.iter().all(|s| l.explains(&s.judged())));
+        match (judged.is_empty(), broken.is_empty(), explained) {
             (true, ..) => "budgets: nothing was judged".into(),
             (_, true, _) => format!("budgets: all {} kept; {load}", judged.len()),
             (_, _, true) => format!(
-                "budgets: {} broken while the machine was loaded ({load}); try again when it is quiet",
-                broken.join(", ")
+                "budgets: {names} broken, no further than the machine's load explains ({load}); try again when it is quiet"
             ),
-            _ => format!("budgets: {} broken by the program itself; {load}", broken.join(", ")),
+            _ => format!("budgets: {names} broken by the program itself; {load}"),
         }
     }
 
