@@ -13,7 +13,7 @@ use crate::layers::Layers;
 use crate::passes::bodies::Bodies;
 use crate::passes::dose::Dose;
 use crate::passes::focus::{Focus, Tiles};
-use crate::passes::fundus::{Fundus, FundusMap, light_group, light_layout};
+use crate::passes::fundus::{Fundus, FundusMap, light_groups, light_layout};
 use crate::passes::haze::Haze;
 use crate::passes::instruments::{Instruments, Meshes};
 use crate::passes::marks::Marks;
@@ -60,7 +60,8 @@ pub struct Renderer {
     config: RendererConfig,
     uniforms: Uniforms,
     map: FundusMap,
-    shadow_maps: Vec<(ShadowMap, BindGroup)>,
+    /// Each with bind group 1 for every level of the fundus map.
+    shadow_maps: Vec<(ShadowMap, Vec<BindGroup>)>,
     targets: Vec<Option<Target>>,
     tiles: Vec<Option<Tiles>>,
     meshes: Meshes,
@@ -105,12 +106,12 @@ impl Renderer {
         let uniforms = Uniforms::new(device);
         let layout = light_layout(device);
         let map = FundusMap::new(device, queue, assets.map(config.map_px, config.side), config.map_px);
-        let mut shadow_maps: Vec<(ShadowMap, BindGroup)> = Vec::new();
+        let mut shadow_maps: Vec<(ShadowMap, Vec<BindGroup>)> = Vec::new();
         for tier in &TIERS[config.first_tier..] {
             if !shadow_maps.iter().any(|(map, _)| map.serves(tier)) {
                 let shadow = ShadowMap::new(device, queue, tier);
-                let group = light_group(device, &layout, &map, &shadow);
-                shadow_maps.push((shadow, group));
+                let groups = light_groups(device, &layout, &map, &shadow);
+                shadow_maps.push((shadow, groups));
             }
         }
         let target = |(i, tier)| (i >= config.first_tier).then(|| Target::new(device, tier));

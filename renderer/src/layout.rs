@@ -32,7 +32,7 @@ pub struct FrameUniform {
     pub lamp_colour: [f32; 4],
     /// Scattered light, and the share of light that the membrane takes away.
     pub ambient: [f32; 4],
-    /// Radius (mm), map scale, mip level, strength of the specular film.
+    /// Radius (mm), map scale, 0, strength of the specular film.
     pub retina: [f32; 4],
     /// Depth bias, half width of the soft edge (share of a tile), relief of the vessels, membrane
     /// detail.

@@ -68,8 +68,8 @@ impl FrameContext<'_> {
 impl Renderer {
     pub(super) fn frame_context(&self, tier_index: usize, layers: Layers) -> FrameContext<'_> {
         let tier = &TIERS[tier_index];
-        let serves = |m: &&(ShadowMap, BindGroup)| m.0.serves(tier);
-        let (shadow_map, light) =
+        let serves = |m: &&(ShadowMap, Vec<BindGroup>)| m.0.serves(tier);
+        let (shadow_map, lights) =
             self.shadow_maps.iter().find(serves).expect("a shadow map for each tier that was configured");
         FrameContext {
             shading: tier.shading,
@@ -77,7 +77,7 @@ impl Renderer {
             target: self.target(tier_index),
             tiles: self.tiles[tier_index].as_ref().filter(|_| layers.has(Layers::FOCUS)),
             shadow_map,
-            light,
+            light: &lights[self.map_level(tier)],
             // A pass that is left out would leave its timestamps unwritten.
             timing: self.timing.as_ref().filter(|_| layers == Layers::ALL),
         }

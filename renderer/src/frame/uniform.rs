@@ -57,14 +57,8 @@ impl Renderer {
         Lamp::find(&self.tools, latched).write(&mut uniform, self.filter);
         uniform.ambient[3] = MEMBRANE_SHADE;
         let radius = self.config.retina_radius_mm as f32;
-        let px_per_mm = f64::from(tier.height_px) / optics::field_in_eye_mm(&self.microscope);
-        // Where no pass blurs what is out of focus, a coarser level of the photograph does it for
-        // the retina.
-        let lean = tier.shading == Shading::Lean;
-        let blur = if lean { blur_at_target_px(&self.microscope, tier).max(1.0).log2().round() } else { 0.0 };
         // Map coordinates are half an equal-area radius of the unit sphere: see the shader.
-        let level = self.map.level(px_per_mm as f32, radius) + blur as f32;
-        uniform.retina = [radius, fundus_map::map_scale(), level, FILM];
+        uniform.retina = [radius, fundus_map::map_scale(), 0.0, FILM];
         uniform.penumbra = [lamp::soft_edge_per_depth() as f32, SHADOW_WIDEST, radius.recip(), 0.0];
         let softest = SHADOW_SOFT.max(SHADOW_SOFT_PX / tier.shadow_px as f32);
         uniform.shadow = [SHADOW_BIAS, softest, RELIEF, WRINKLES];
@@ -76,6 +70,16 @@ impl Renderer {
             self.instrument_uniform(i, &pose, latched.tracked[i], lit)
         });
         uniform
+    }
+
+    /// Level of the fundus map to draw with.
+    pub(super) fn map_level(&self, tier: &Tier) -> usize {
+        let px_per_mm = f64::from(tier.height_px) / optics::field_in_eye_mm(&self.microscope);
+        // Where no pass blurs what is out of focus, a coarser level of the photograph does it for
+        // the retina.
+        let lean = tier.shading == Shading::Lean;
+        let blur = if lean { blur_at_target_px(&self.microscope, tier).max(1.0).log2().round() } else { 0.0 };
+        self.map.level(px_per_mm as f32, self.config.retina_radius_mm as f32, blur as usize)
     }
 
     /// One instrument; a light pipe is not lit by its own beam.

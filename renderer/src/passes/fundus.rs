@@ -4,7 +4,7 @@
 use super::shadow::ShadowMap;
 use super::{
     FILTERED, IndexList, PassDevice, PipelineSpec, SAMPLER, UNFILTERED, Uniforms, bind_group,
-    bind_group_layout, sampler, texture_descriptor, texture_type, view,
+    bind_group_layout, sampler, texture_descriptor, texture_type,
 };
 use crate::fundus_map;
 use crate::governor::Shading;
@@ -12,7 +12,7 @@ use wgpu::util::{DeviceExt, TextureDataOrder};
 use wgpu::{
     BindGroup, BindGroupLayout, BindingResource, BindingType, CompareFunction, Device, FilterMode, Queue,
     RenderPass, RenderPipeline, SamplerBindingType, ShaderStages, TextureDescriptor, TextureFormat,
-    TextureSampleType, TextureUsages, TextureView, TextureViewDimension,
+    TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor, TextureViewDimension,
 };
 
 /// Segments of a ring, as in the shader.
@@ -75,7 +75,8 @@ fn ring_triangles() -> Vec<u32> {
 
 /// The map of the retina on the device.
 pub struct FundusMap {
-    view: TextureView,
+    /// Each of its mip levels, the finest first.
+    levels: Vec<TextureView>,
     /// Edge, px.
     pub size: u32,
 }
@@ -93,32 +94,39 @@ impl FundusMap {
         let plain = texture_descriptor("fundus map", format, [size; 2], usage);
         let map = TextureDescriptor { mip_level_count, ..plain };
         let texture = device.create_texture_with_data(queue, &map, TextureDataOrder::LayerMajor, &pixels);
-        Self { view: view(&texture), size }
+        let one = |base_mip_level| {
+            let mip_level_count = Some(1);
+            let one = TextureViewDescriptor { base_mip_level, mip_level_count, ..Default::default() };
+            texture.create_view(&one)
+        };
+        Self { levels: (0..mip_level_count).map(one).collect(), size }
     }
 
-    /// Mip level at which a texel is about as large as a pixel of `px_per_mm`.
-    pub fn level(&self, px_per_mm: f32, retina_radius_mm: f32) -> f32 {
+    /// Mip level at which a texel is about as large as a pixel of `px_per_mm`, or `coarser` by so many
+    /// levels.
+    pub fn level(&self, px_per_mm: f32, retina_radius_mm: f32, coarser: usize) -> usize {
         let texels_per_mm = self.size as f32 * fundus_map::map_scale() / retina_radius_mm;
-        (texels_per_mm / px_per_mm).log2().round().max(0.0)
+        let level = (texels_per_mm / px_per_mm).log2().round().max(0.0) as usize;
+        (level + coarser).min(self.levels.len() - 1)
     }
 }
 
-/// Layout of group 1: map, shadow map with their samplers, shadow mask, the shadow map's depths.
+/// Layout of group 1: a level of the map, shadow map with their samplers, shadow mask, the shadow map's depths.
 pub fn light_layout(device: &Device) -> BindGroupLayout {
     let texture = |sample_type| texture_type(sample_type, TextureViewDimension::D2);
     let comparison = BindingType::Sampler(SamplerBindingType::Comparison);
     let depth = texture(TextureSampleType::Depth);
     let types = [texture(FILTERED), SAMPLER, depth, comparison, texture(FILTERED), texture(UNFILTERED)];
-    bind_group_layout(device, "light", ShaderStages::FRAGMENT, &types)
+    bind_group_layout(device, "light", ShaderStages::VERTEX_FRAGMENT, &types)
 }
 
-/// Group 1 for a shadow map.
-pub fn light_group(
+/// Group 1 for a shadow map, one for each level of the map.
+pub fn light_groups(
     device: &Device,
     layout: &BindGroupLayout,
     map: &FundusMap,
     shadow: &ShadowMap,
-) -> BindGroup {
+) -> Vec<BindGroup> {
     let linear = sampler(device, FilterMode::Linear);
     let comparison = device.create_sampler(&wgpu::SamplerDescriptor {
         mag_filter: FilterMode::Linear,
@@ -126,13 +134,16 @@ pub fn light_group(
         compare: Some(CompareFunction::LessEqual),
         ..wgpu::SamplerDescriptor::default()
     });
-    let resources = [
-        BindingResource::TextureView(&map.view),
-        BindingResource::Sampler(&linear),
-        BindingResource::TextureView(&shadow.depth),
-        BindingResource::Sampler(&comparison),
-        BindingResource::TextureView(&shadow.mask),
-        BindingResource::TextureView(&shadow.depth),
-    ];
-    bind_group(device, "light", layout, resources)
+    let group = |level| {
+        let resources = [
+            BindingResource::TextureView(level),
+            BindingResource::Sampler(&linear),
+            BindingResource::TextureView(&shadow.depth),
+            BindingResource::Sampler(&comparison),
+            BindingResource::TextureView(&shadow.mask),
+            BindingResource::TextureView(&shadow.depth),
+        ];
+        bind_group(device, "light", layout, resources)
+    };
+    map.levels.iter().map(group).collect()
 }

@@ -78,9 +78,9 @@ fn wetness(photo: vec4f) -> f32 {
 // Normal towards the inside of the eye, tilted by the slope of the map's fourth channel, the height
 // of vessels.
 fn relief(q: vec3f, uv: vec2f, height: f32) -> vec3f {
-    let step = exp2(frame.retina.z) / f32(textureDimensions(fundus_map).x);
-    let right = textureSampleLevel(fundus_map, fundus_sampler, uv + vec2f(step, 0.0), frame.retina.z).a;
-    let up = textureSampleLevel(fundus_map, fundus_sampler, uv + vec2f(0.0, step), frame.retina.z).a;
+    let step = 1.0 / f32(textureDimensions(fundus_map).x);
+    let right = textureSampleLevel(fundus_map, fundus_sampler, uv + vec2f(step, 0.0), 0.0).a;
+    let up = textureSampleLevel(fundus_map, fundus_sampler, uv + vec2f(0.0, step), 0.0).a;
     return normalize(vec3f(height - right, height - up, 0.0) * frame.shadow.z - q);
 }
 
@@ -96,7 +96,7 @@ fn fs_main(in: Disc) -> @location(0) vec4f {
     let p = to_retina(in.p);
     let q = p / frame.retina.x;
     let uv = map_coordinates(q);
-    let photo = textureSampleLevel(fundus_map, fundus_sampler, uv, frame.retina.z);
+    let photo = textureSampleLevel(fundus_map, fundus_sampler, uv, 0.0);
     let albedo = photo.rgb * photo.rgb;
     let inwards = relief(q, uv, photo.a);
     let lamp = lamp_at(p);
@@ -121,7 +121,7 @@ fn vs_lean(@builtin(vertex_index) index: u32) -> LeanDisc {
 
 @fragment
 fn fs_lean(in: LeanDisc) -> @location(0) vec4f {
-    let photo = textureSampleLevel(fundus_map, fundus_sampler, in.uv, frame.retina.z);
+    let photo = textureSampleLevel(fundus_map, fundus_sampler, in.uv, 0.0);
     let albedo = photo.rgb * photo.rgb;
     let mask = lean_mask(in.mask);
     let past = mask.r * mask.b;

@@ -101,15 +101,12 @@ fn fs_depth(in: Sheet) -> @location(0) vec4f {
     return vec4f(0.0);
 }
 
-// The sheet's triangles are a few pixels large, so a pixel is shaded several times: all but the
-// shadow is done at the nodes.
+// The sheet's triangles are a few pixels large, so a pixel is shaded several times: everything is done
+// at the nodes.
 struct LeanSheet {
     @builtin(position) clip: vec4f,
-    // As it is shown in the lamp's light, and opacity.
-    @location(0) lit: vec4f,
-    @location(1) mask: vec3f,
-    // As it is shown in shadow, and distance from the lamp (share of MASK_FAR).
-    @location(2) dark: vec4f,
+    // As it is shown, and opacity.
+    @location(0) shown: vec4f,
 }
 
 @vertex
@@ -120,20 +117,14 @@ fn vs_lean(
     @location(3) dye: f32,
     @location(4) home: vec3f,
 ) -> LeanSheet {
-    let sheet = shaded(position, normal, vec2f(edge, dye), 1.0, vec3f(rest_place(home.xy), home.z));
+    let past = past_casters(position);
+    let sheet = shaded(position, normal, vec2f(edge, dye), past, vec3f(rest_place(home.xy), home.z));
     let clip = view.clip_from_eye * vec4f(position, 1.0);
-    let scattered = tint(dye) * frame.ambient.rgb;
-    let shade = field_shade(clip);
-    let lit = vec4f(to_display(scattered + sheet.lit) * shade, sheet.opacity);
-    let dark = vec4f(to_display(scattered) * shade, distance(position, frame.lamp_position.xyz) / MASK_FAR);
-    return LeanSheet(clip, lit, mask_coordinates(position), dark);
+    let light = tint(dye) * frame.ambient.rgb + sheet.lit;
+    return LeanSheet(clip, vec4f(to_display(light) * field_shade(clip), sheet.opacity));
 }
 
 @fragment
 fn fs_lean(in: LeanSheet) -> @location(0) vec4f {
-    // What holds the light up shades only what lies beyond it, by more than a step of the mask's 8
-    // bits.
-    let mask = lean_mask(in.mask);
-    let past = select(1.0, mask.r, in.dark.w > mask.g + 0.006);
-    return vec4f(mix(in.dark.rgb, in.lit.rgb, past), in.lit.a);
+    return in.shown;
 }

@@ -37,7 +37,7 @@ const COMES_OFF: f32 = 0.25;
 
 @fragment
 fn fs_sheet(in: Sheet) -> @location(0) vec4f {
-    let photo = textureSampleLevel(fundus_map, fundus_sampler, in.uv, frame.retina.z);
+    let photo = textureSampleLevel(fundus_map, fundus_sampler, in.uv, 0.0);
     let off = smoothstep(0.0, COMES_OFF, in.more.x);
     // Fresh detached retina is translucent: the choroid shines through, fainter and greyer the farther
     // behind it lies. The vessels stay.
