@@ -9,8 +9,9 @@ use std::fs::read_dir;
 use std::io::{self, BufRead};
 use std::sync::mpsc::{Receiver, channel};
 
-/// Added to the niceness while it prepares, so that it takes nothing from the one that draws.
-const PREPARING: i32 = 5;
+/// Added to the niceness while it prepares: beside the one that draws it gets a tenth of a core. Less
+/// would leave it unfinished for long where the machine is loaded, and there it is needed.
+const PREPARING: i32 = 10;
 
 /// Makes room for others where it can be taken back. To be called before the driver starts its
 /// threads, which inherit it.
