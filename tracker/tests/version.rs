@@ -5,6 +5,7 @@
 mod tracker_version;
 
 use blob_stream::BlobReader;
+use protocol::message::fnv1a;
 use protocol::rig::Rig;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -26,15 +27,13 @@ fn digest(stream: &str) -> u64 {
     let rig = Rig::load(&folder.join("rig.json")).unwrap();
     let fields: Vec<_> =
         BlobReader::open(&folder.join("blobs.jsonl")).unwrap().collect::<Result<_, _>>().unwrap();
-    let (mut digest, mut frames) = (0xcbf2_9ce4_8422_2325_u64, 0);
+    let (mut bytes, mut frames) = (Vec::new(), 0);
     track_stream(&rig, &fields, |frame, _| {
         frames += 1;
-        for byte in bytemuck::bytes_of(&frame.bodies) {
-            digest = (digest ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3);
-        }
+        bytes.extend_from_slice(bytemuck::bytes_of(&frame.bodies));
     });
     assert!(frames >= FRAMES, "{stream}: {frames} frames");
-    digest
+    fnv1a(&bytes)
 }
 
 /// What the file holds of a stream, and what is computed now.

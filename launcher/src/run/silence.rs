@@ -18,7 +18,8 @@ const KEPT: usize = 100;
 /// What a process puts out, in the order of the data path.
 #[derive(Debug)]
 struct Output {
-    process: Process,
+    /// The process, or both that make blobs.
+    name: &'static str,
     /// Index into [`CHANNELS`].
     channel: usize,
     /// What its absence means.
@@ -41,8 +42,8 @@ pub struct SilenceWatch {
 impl SilenceWatch {
     /// For a run whose poses come from a tracker or from a desk.
     pub fn new(desk: bool) -> Self {
-        let output = |process: Process, channel: &str, effect| Output {
-            process,
+        let output = |name, channel: &str, effect| Output {
+            name,
             channel: CHANNELS.iter().position(|c| *c == channel).unwrap_or(0),
             effect,
             count: 0,
@@ -50,10 +51,10 @@ impl SilenceWatch {
             warning: None,
         };
         let (source, poses) = if desk { (None, Process::Desk) } else { (Some("blobs"), Process::Tracker) };
-        let source = source.map(|c| output(Process::VirtualRig, c, "the cameras send nothing"));
+        let source = source.map(|c| output("the camera side", c, "the tracker gets nothing"));
         let path = [
-            output(poses, "poses", "the instruments stand still in the picture"),
-            output(Process::Simcore, "steps", "the tissue stands still"),
+            output(poses.name(), "poses", "the instruments stand still in the picture"),
+            output(Process::Simcore.name(), "steps", "the tissue stands still"),
         ];
         SilenceWatch { outputs: source.into_iter().chain(path).collect(), warnings: Vec::new(), at_ns: 0 }
     }
@@ -84,7 +85,7 @@ impl SilenceWatch {
         if first.silent_ns < SILENT_NS || first.warning.is_some() || self.warnings.len() >= KEPT {
             return None;
         }
-        let (name, channel) = (first.process.name(), CHANNELS[first.channel]);
+        let (name, channel) = (first.name, CHANNELS[first.channel]);
         let finding = Finding {
             what: format!("{name} puts out nothing on {channel}: {}", first.effect),
             cause: format!("{} messages came before; its lines on standard error say why", first.count),
@@ -144,7 +145,7 @@ mod tests {
         assert!((warning.from_s - 0.99).abs() < 0.02, "{}", warning.from_s);
         assert_eq!(warning.to_s, Some(3.0));
         assert_eq!(second(&mut watch, 4_000, &["blobs", "poses"]), ["silence of simcore"]);
-        assert_eq!(second(&mut watch, 5_000, &[]), ["silence of virtual-rig"]);
+        assert_eq!(second(&mut watch, 5_000, &[]), ["silence of the camera side"]);
     }
 
     #[test]

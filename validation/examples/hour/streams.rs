@@ -5,11 +5,8 @@ use protocol::rig::Rig;
 use validation::streams::Scenario;
 use validation::streams::lasting::{Lasting, Minute};
 
-/// Largest ratio of the errors of the last minute to those of the second, and of the tracker's time.
-const ERROR_RATIO: f64 = 1.1;
+/// Largest ratio of the tracker's time in the end to that in the beginning.
 const TIME_RATIO: f64 = 1.5;
-/// Largest loss of coverage between them.
-const COVERAGE_LOSS: f64 = 0.001;
 
 /// Runs the scenarios, prints their table and returns what is wrong.
 pub fn run(args: &Args) -> Vec<String> {
@@ -35,10 +32,9 @@ fn one(args: &Args, rig: &Rig, scenario: Scenario) -> Vec<String> {
         if args.shows(minute.number) {
             bar.suspend(|| print_row(scenario, &minute, time_us));
         }
-        problems.extend(defects(scenario, &minute));
-        if minute.number == args.minutes {
-            problems.extend(second.iter().flat_map(|second| compare(scenario, second, &minute)));
-        }
+        let early = second.as_ref().filter(|_| minute.number == args.minutes);
+        let named = |defect| format!("{}, minute {}: {defect}", scenario.name(), minute.number);
+        problems.extend(minute.defects(early).into_iter().map(named));
         if minute.number == 2 {
             second = Some(minute);
         }
@@ -60,32 +56,4 @@ fn print_row(scenario: Scenario, minute: &Minute, time_us: f64) {
         minute.frames,
         minute.score.coverage()
     );
-}
-
-/// What is wrong with a minute alone.
-fn defects(scenario: Scenario, minute: &Minute) -> Vec<String> {
-    let at = format!("{}, minute {}", scenario.name(), minute.number);
-    let mut found = Vec::new();
-    if minute.restarts > 0 {
-        found.push(format!("{at}: {} filters or predictors were not finite", minute.restarts));
-    }
-    if minute.frames + 2 < minute.exposures {
-        found.push(format!("{at}: {} frames of {} exposures", minute.frames, minute.exposures));
-    }
-    found
-}
-
-/// What is worse in the last minute than in the second.
-fn compare(scenario: Scenario, second: &Minute, last: &Minute) -> Vec<String> {
-    let name = scenario.name();
-    let errors = last.errors_um().into_iter().zip(second.errors_um()).zip(["tips", "shown tips"]);
-    let worse = errors.filter(|((last, second), _)| *last > ERROR_RATIO * second);
-    let mut found: Vec<String> = worse
-        .map(|((last, second), what)| format!("{name}: {what} of {last:.1} µm, {second:.1} in minute 2"))
-        .collect();
-    let lost = second.score.coverage() - last.score.coverage();
-    if lost > COVERAGE_LOSS {
-        found.push(format!("{name}: coverage fell by {lost:.4}"));
-    }
-    found
 }

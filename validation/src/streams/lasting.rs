@@ -12,6 +12,10 @@ use tracker::assembler::FrameAssembler;
 /// Length of what repeats, s.
 const MINUTE_S: f64 = 60.0;
 const MINUTE_NS: u64 = 60_000_000_000;
+/// Largest ratio of the errors of a late minute to those of an early one.
+const ERROR_RATIO: f64 = 1.1;
+/// Largest loss of coverage between them.
+const COVERAGE_LOSS: f64 = 0.001;
 
 /// A tracker that runs on a stream, minute by minute.
 pub struct Lasting {
@@ -41,6 +45,27 @@ impl Minute {
     /// Root mean squares of tips and shown tips, µm.
     pub fn errors_um(&self) -> [f64; 2] {
         [rms(&self.score.tips_um), rms(&self.score.shown_um)]
+    }
+
+    /// What is wrong with the minute alone, and, beside an early one, what is worse.
+    pub fn defects(&self, early: Option<&Minute>) -> Vec<String> {
+        let mut found = Vec::new();
+        if self.restarts > 0 {
+            found.push(format!("{} filters or predictors were not finite", self.restarts));
+        }
+        if self.frames + 2 < self.exposures {
+            found.push(format!("{} frames of {} exposures", self.frames, self.exposures));
+        }
+        let Some(early) = early else { return found };
+        let errors = self.errors_um().into_iter().zip(early.errors_um()).zip(["tips", "shown tips"]);
+        for ((late, before), what) in errors.filter(|((late, before), _)| *late > ERROR_RATIO * before) {
+            found.push(format!("{what} of {late:.1} µm, {before:.1} in minute {}", early.number));
+        }
+        let lost = early.score.coverage() - self.score.coverage();
+        if lost > COVERAGE_LOSS {
+            found.push(format!("coverage fell by {lost:.4} since minute {}", early.number));
+        }
+        found
     }
 }
 
