@@ -20,6 +20,7 @@ use protocol::health::{Health, Process, STATE_STARTING};
 use rustix::process::{Pid, Signal, kill_process, setpriority_process};
 use std::fs::File;
 use std::io::{self, Write};
+use std::path::PathBuf;
 use std::process::{ExitStatus, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
@@ -46,6 +47,8 @@ pub struct Surroundings {
     pub realtime: bool,
     /// Its standard input stays open, for [`Child::tell`].
     pub listens: bool,
+    /// The program that does the process's work in place of ours.
+    pub program: Option<PathBuf>,
     /// Where lines of its standard error go; to that of this program if there is none.
     pub lines: Option<LineSender>,
     /// Notified when the child has ended.
@@ -56,6 +59,8 @@ pub struct Surroundings {
 #[derive(Debug)]
 pub struct Child {
     process: Process,
+    /// Of its program.
+    name: String,
     pid: u32,
     output: Arc<Output>,
     /// Its standard input, where it listens.
@@ -76,7 +81,11 @@ impl Child {
         surroundings: &Surroundings,
     ) -> anyhow::Result<Self> {
         let realtime = surroundings.realtime && realtime_allowed();
-        let mut command = binaries::scheduled_command(process.binary(), realtime)?;
+        let program = match &surroundings.program {
+            Some(program) => program.clone(),
+            None => find_binary(process.binary())?,
+        };
+        let mut command = binaries::scheduled_command(&program, realtime);
         command.args(["--instance", instance, "--supervised"]).args(arguments()).args(args);
         for (name, value) in &surroundings.environment {
             if std::env::var_os(name).is_none() {
@@ -87,7 +96,8 @@ impl Child {
         command.stdin(input).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut command = tokio::process::Command::from(command);
         let child = command.process_group(0).kill_on_drop(true).spawn();
-        let mut child = child.with_context(|| format!("start {}", process.binary()))?;
+        let name = program.file_name().unwrap_or_default().display().to_string();
+        let mut child = child.with_context(|| format!("start {}", program.display()))?;
         let input = child.stdin.take().and_then(|input| input.into_owned_fd().ok()).map(File::from);
         let pid = child.id().context("the id of a child")?;
         if surroundings.nice > 0 {
@@ -97,7 +107,7 @@ impl Child {
         let output = Arc::new(Output::new(open_log(instance, process)));
         let (end, status) = watch::channel(None);
         tokio::spawn(attend(child, Arc::clone(&output), surroundings.clone(), end));
-        Ok(Child { process, pid, output, input, status })
+        Ok(Child { process, name, pid, output, input, status })
     }
 
     /// Which process it is.
@@ -130,7 +140,7 @@ impl Child {
         };
         let lines = if is_json() { Vec::new() } else { self.output.tail() };
         let lines: String = lines.iter().map(|l| format!("\n    {l}")).collect();
-        format!("{} {how}{lines}", self.process.binary())
+        format!("{} {how}{lines}", self.name)
     }
 
     /// Writes a line to its standard input and closes it.

@@ -384,9 +384,10 @@ fn list(attempts: &[Stored]) -> String {
     for Stored { id, trainee, at, attempt: a } in attempts {
         let score = format!("{:.2} ± {:.2}", a.total, a.sigma);
         let end = ending(a).map_or(String::new(), |end| format!("  {end}"));
+        let script = a.surgeon.as_ref().map_or(String::new(), |who| format!("  (script: {who})"));
         let _ = writeln!(
             text,
-            "{id:>7}  {at:<20}  {trainee:<16} {:<14} {:>5} {score:>15} {:>6.1} s{end}",
+            "{id:>7}  {at:<20}  {trainee:<16} {:<14} {:>5} {score:>15} {:>6.1} s{end}{script}",
             a.module, a.level, a.took_s
         );
     }
@@ -475,9 +476,14 @@ mod tests {
         let stored =
             |attempt| Stored { id: 3, trainee: "t7".into(), at: "2002-09-25T08:30:00Z".into(), attempt };
         let broken = Attempt { broken_off: true, ..attempt.clone() };
-        let failed = Attempt { failed: Some("lens contact".into()), finished: true, ..attempt.clone() };
+        let surgeon = Some("expert".to_owned());
+        let failed =
+            Attempt { failed: Some("lens contact".into()), finished: true, surgeon, ..attempt.clone() };
         let text = list(&[stored(attempt), stored(broken), stored(failed)]);
-        assert!(text.contains("  broken off\n") && text.contains("  failed: lens contact\n"), "{text}");
+        assert!(
+            text.contains("  broken off\n") && text.contains("  failed: lens contact  (script: expert)\n"),
+            "{text}"
+        );
         assert!(
             text.contains("t7") && text.contains("40.00 ± 0.00") && text.contains("not finished"),
             "{text}"

@@ -2,6 +2,7 @@
 //!
 //! - `options`, `arguments`: the command line, and what each process is given of it
 //! - `session`: the loop that receives, supervises, records and shows
+//! - `cameras`: the program of real cameras, and waiting for it
 //! - `attempt_control`: requests for a pause, a restart or the next level
 //! - `supervisor`, `policy`, `standby`: starting, restarting, bounding restarts
 //! - `channel_tap`, `recorder`, `resume`: what is received, written, and kept for a restarted
@@ -11,6 +12,7 @@
 
 mod arguments;
 mod attempt_control;
+mod cameras;
 mod channel_tap;
 mod latency_stats;
 mod load;
@@ -66,6 +68,10 @@ pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
 }
 
 async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
+    let stop = StopSignal::install()?;
+    if args.unscripted && !cameras::wait(args, &stop).await {
+        return Ok(ExitCode::SUCCESS);
+    }
     // The composed scene lasts as long as this does.
     let composed = args.module.as_deref().map(|m| Composed::new(m, args.level, &args.surgeon, args.seed));
     let mut composed = composed.transpose()?;
@@ -73,7 +79,6 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let view = args.view(has_display());
     let mut outputs = args.prepare()?;
     let budgets = args.budget_table()?;
-    let stop = StopSignal::install()?;
     let mut session = Session::open(args, composed.as_mut(), view, &budgets, &mut outputs, stop)?;
     let outcome = session.run().await;
     let ended_by = match &outcome {
@@ -106,7 +111,8 @@ fn attempt_text(attempt: &Attempt, attempts: usize) -> String {
 /// out; where it is the only one that is an error.
 fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Result<()> {
     let mut store = Store::open_or_create(&args.store.path()?)?;
-    let open_end = args.stay || args.desk.is_some() || attempts.len() > 1;
+    let person = args.desk.is_some() || args.cameras.is_some();
+    let open_end = args.stay || person || attempts.len() > 1;
     for attempt in attempts {
         let Some(file) = &attempt.record else { continue };
         match keep(&mut store, trainee, file) {
@@ -124,12 +130,13 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
     let scene = SceneFile::load(scene_name)?;
     let scene_name = args.module.as_deref().unwrap_or(scene_name);
     let file = |p: &Option<std::path::PathBuf>| p.as_ref().map(|p| p.display().to_string());
-    let scripted = args.module.is_some() && args.blobs.is_none() && args.desk.is_none();
+    let scripted = args.module.is_some() && args.is_scripted();
     let config = [
         ("module", args.module.as_ref().map(|m| module(args, m, scripted))),
         (BEGAN, Some(seconds_since_1970(SystemTime::now()).to_string())),
         (SURGEON, scripted.then(|| args.surgeon.clone())),
         (DESK, args.desk.as_ref().map(|d| file(&d.inputs).unwrap_or_else(|| d.input.clone()))),
+        ("cameras", file(&args.cameras)),
         ("motion", file(&args.motion)),
         ("motion-full", args.motion_full.then(|| "true".into())),
         ("blobs", file(&args.blobs)),

@@ -20,6 +20,7 @@ mod packaging;
 mod picture_stream;
 mod pictures;
 mod play;
+mod real_cameras;
 mod record_replay;
 mod shortage;
 mod silence;

@@ -36,11 +36,13 @@ fn the_version_is_said_in_one_place() {
 
 #[test]
 fn the_changelog_of_debian_is_made_of_ours() {
+    let version = env!("CARGO_PKG_VERSION");
     let mut script = Command::new("python3");
-    script.arg("packaging/debian-changelog").args(["0.1.0", "0"]).current_dir(repository());
+    script.arg("packaging/debian-changelog").args([version, "0"]).current_dir(repository());
     let output = script.output().expect("python3");
     let text = String::from_utf8(output.stdout).expect("text");
-    assert!(text.starts_with("vitreo (0.1.0-1) unstable; urgency=medium\n\n  * "), "{text:.200}");
+    let head = format!("vitreo ({version}-1) unstable; urgency=medium\n\n  * ");
+    assert!(text.starts_with(&head), "{text:.200}");
     assert!(text.contains("  Thu, 01 Jan 1970 00:00:00 -0000\n"), "{text:.200}");
     let entries = text.lines().filter(|l| l.starts_with("vitreo (")).count();
     let versions = read("CHANGELOG.md").lines().filter(|l| l.starts_with("## ")).count();
@@ -79,7 +81,8 @@ fn every_program_is_installed_and_every_packed_file_exists() {
 fn the_service_asks_for_what_its_document_says() {
     let unit = read("packaging/systemd/vitreo-rig.service");
     for line in [
-        "ExecStart=/usr/bin/vitreo run --instance rig",
+        "ExecStart=/usr/bin/vitreo run --instance rig --unscripted",
+        "RestartPreventExitStatus=2",
         "User=vitreo",
         "LimitRTPRIO=50",
         "LimitMEMLOCK=infinity",

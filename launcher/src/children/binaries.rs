@@ -65,16 +65,15 @@ fn set_environment(command: &mut Command) {
     }
 }
 
-/// The command that runs a binary, with `realtime` under the real-time scheduler.
-pub(super) fn scheduled_command(name: &str, realtime: bool) -> anyhow::Result<Command> {
-    if !realtime {
-        return command(name);
+/// The command that runs a program, with `realtime` under the real-time scheduler.
+pub(super) fn scheduled_command(program: &Path, realtime: bool) -> Command {
+    let mut command = Command::new(if realtime { Path::new("chrt") } else { program });
+    if realtime {
+        // `chrt` replaces itself by the program: the child's id is the program's.
+        command.args(["--rr", REALTIME_PRIORITY]).arg(program);
     }
-    // `chrt` replaces itself by the binary: the child's id is the binary's.
-    let mut command = Command::new("chrt");
-    command.args(["--rr", REALTIME_PRIORITY]).arg(find_binary(name)?);
     set_environment(&mut command);
-    Ok(command)
+    command
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! What `vitreo run` takes, and what each process is given of it.
 
 use super::arguments::{Arguments, injected_delay, percentile, positive, share};
+use super::cameras::check_program;
 use super::policy::MAX_RESTARTS;
 use crate::fundus::FundusArgs;
 use crate::inputs::{check_file, check_folder};
@@ -55,9 +56,17 @@ pub struct RunArgs {
     /// Play a recorded blob stream in place of the cameras; needs its --rig.
     #[arg(long, value_name = "BLOBS.jsonl", requires = "rig")]
     pub blobs: Option<PathBuf>,
-    /// Make blobs straight from the markers, without drawing pixels.
+    /// Make blobs straight from the markers, without drawing pixels. With --cameras: the program
+    /// publishes blobs.
     #[arg(long, conflicts_with = "blobs")]
     pub direct: bool,
+    /// The program that drives real cameras, in place of the virtual rig: it publishes fields of
+    /// pixels (blobs with --direct), handles and pedal. See docs/camera-hardware.md.
+    #[arg(long, value_name = "PROGRAM", requires = "rig", conflicts_with_all = ["blobs", "motion", "faults"])]
+    pub cameras: Option<PathBuf>,
+    /// Let only people work: without --cameras and their --rig, say what is missing and wait.
+    #[arg(long, conflicts_with_all = ["blobs", "motion", "faults"])]
+    pub unscripted: bool,
     /// Let things go wrong in the cameras, from the seed: none, mild, hard, a fault by its name, or
     /// a file that ends in .toml.
     #[arg(long, value_name = "NAME[,NAME...]|FILE.toml", conflicts_with = "blobs")]
@@ -185,7 +194,7 @@ impl RunArgs {
     /// for.
     pub fn with_scene_of(&self, composed: Option<&Composed>) -> Self {
         let Some(composed) = composed else { return self.clone() };
-        let scripted = self.blobs.is_none() && self.desk.is_none() && !self.stay;
+        let scripted = self.is_scripted() && !self.stay;
         let attempt = scripted.then(|| self.attempt_s(composed));
         let after_round = attempt.filter(|_| self.duration.is_none()).map(|_| AFTER_S);
         let duration = self.duration.or(attempt);
@@ -195,6 +204,11 @@ impl RunArgs {
     /// Longest scripted attempt with its end screen, s; it ends with the script's round.
     pub fn attempt_s(&self, composed: &Composed) -> f64 {
         composed.longest_s + AFTER_S
+    }
+
+    /// Whether a script moves the instruments, not a person and not a recorded stream.
+    pub fn is_scripted(&self) -> bool {
+        self.blobs.is_none() && self.desk.is_none() && self.cameras.is_none()
     }
 
     /// The process that begins a run and ends it: the virtual rig, or the desk in the place of rig,
@@ -255,6 +269,8 @@ impl RunArgs {
     ) -> Vec<String> {
         let mut args = Arguments::default();
         let (stage, takes_rig, takes_scene) = match process {
+            // The scene's script is nothing to real cameras.
+            Process::VirtualRig if self.cameras.is_some() => (None, true, false),
             // Without pixels there is no camera hardware: the rig sends the blobs.
             Process::VirtualRig if self.trackers().contains(&Process::FpgaModel) => (None, true, true),
             Process::VirtualRig => (Some(Stage::Camera), true, true),
@@ -269,6 +285,7 @@ impl RunArgs {
         args.value("--scene", self.scene.as_ref().filter(|_| takes_scene));
         args.value("--inject-delay-ms", stage.and_then(|s| self.delay_ms(s)));
         match process {
+            Process::VirtualRig if self.cameras.is_some() => {}
             Process::VirtualRig => self.rig_arguments(&mut args, remaining_s, restarts),
             Process::Renderer => {
                 args.0.push(if view == View::Window { "--window" } else { "--headless" }.into());
@@ -367,6 +384,7 @@ impl RunArgs {
         ] {
             file.as_deref().map_or(Ok(()), |file| check_file(option, file))?;
         }
+        self.cameras.as_deref().map_or(Ok(()), check_program)?;
         self.instruments.as_deref().map_or(Ok(()), |folder| check_folder("--instruments", folder))?;
         let mut outputs = Outputs::new(self.force.force).reading_all(self.inputs());
         for file in [&self.record, &self.report, &self.video, &self.fault_log].into_iter().flatten() {

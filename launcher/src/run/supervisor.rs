@@ -148,6 +148,9 @@ impl Supervisor {
             // A field must not wait for a time slice of the renderer's to end.
             _ => surroundings.realtime = true,
         }
+        if process == Process::VirtualRig {
+            surroundings.program = self.args.cameras.clone();
+        }
         Child::spawn(process, &self.args.instance, &args, &surroundings)
     }
 

@@ -106,6 +106,25 @@ fn the_desk_takes_the_place_of_cameras_and_tracker() {
 }
 
 #[test]
+fn real_cameras_take_the_place_of_script_and_rig() {
+    let args = parse(&["--cameras", "driver", "--rig", "r.json", "--scene", "trim", "--seed", "3"]).unwrap();
+    assert!(!args.is_scripted() && parse(&["--scene", "trim"]).unwrap().is_scripted());
+    assert_eq!(args.source(), Process::VirtualRig);
+    assert_eq!(args.trackers(), [Process::Tracker, Process::FpgaModel]);
+    let given = |args: &RunArgs| args.arguments_of(Process::VirtualRig, View::None, Some(9.0), 1).join(" ");
+    assert_eq!(given(&args), "--rig r.json");
+    let blobs = parse(&["--cameras", "driver", "--rig", "r.json", "--direct"]).unwrap();
+    assert_eq!((blobs.trackers(), given(&blobs).as_str()), (&[Process::Tracker][..], "--rig r.json"));
+    for refused in [&["--cameras", "driver"][..], &["--unscripted", "--blobs", "b", "--rig", "r"]] {
+        assert!(parse(refused).is_err(), "{refused:?} was taken");
+    }
+    // No length of a script ends the attempt of a person.
+    let of_module = parse(&["--module", "navigation", "--cameras", "driver", "--rig", "r.json"]).unwrap();
+    let composed = Composed::new("navigation", 1, "expert", 1).unwrap();
+    assert_eq!(of_module.with_scene_of(Some(&composed)).duration, None);
+}
+
+#[test]
 fn faults_reach_the_cameras_and_nobody_else() {
     let args = parse(&["--faults", "mild,dropped", "--fault-log", "f.jsonl"]).unwrap();
     let of = |p, restarts| args.arguments_of(p, View::Headless, None, restarts).join(" ");

@@ -183,7 +183,9 @@ impl Session<'_> {
     async fn command_all(&mut self, command: Command, argument: u64) -> anyhow::Result<()> {
         let seq = self.supervisor.ask(EVERY_PROCESS, command, argument);
         let trackers = self.args.trackers().iter().copied();
-        let obeying = [self.args.source(), Process::Simcore].into_iter().chain(trackers);
+        // Real cameras see what there is, whatever the simulation does.
+        let source = self.args.cameras.is_none().then(|| self.args.source());
+        let obeying = source.into_iter().chain([Process::Simcore]).chain(trackers);
         let waiting = obeying.map(|p| p as u32).collect();
         self.command = CommandProgress { seq, waiting, problems: Vec::new() };
         let deadline = Instant::now() + OBEY;

@@ -55,6 +55,7 @@ impl Session<'_> {
     fn restart_due(&mut self) -> anyhow::Result<()> {
         let remaining_s = self.remaining_ns().map(|left| (left as f64 * 1e-9).max(0.1));
         let (instance, consumers) = (&self.instance, &mut self.consumers);
+        let scripted = self.args.is_scripted();
         let states_lost = &mut self.states_lost;
         self.supervisor.restart_due(now(), remaining_s, |process, was_at_work| {
             instance.clean_up_after_the_dead();
@@ -68,7 +69,7 @@ impl Session<'_> {
                     let tier = consumers.monitor.frame.map(|frame| frame.tier.to_string());
                     tier.map_or_else(Vec::new, |tier| vec!["--start-tier".into(), tier])
                 }
-                Process::VirtualRig => {
+                Process::VirtualRig if scripted => {
                     let reached = consumers.goals.0.to_string();
                     vec!["--resume".into(), "--goals-reached".into(), reached]
                 }
