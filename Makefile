@@ -230,6 +230,7 @@ version: ## Print the version, which Cargo.toml alone says
 	@echo $(VERSION)
 
 tag: ## Tag this commit as the version of Cargo.toml, with its section of CHANGELOG.md as notes
+	@mkdir -p target
 	@tools/release-notes $(VERSION) > target/release-notes.md
 	git tag -a v$(VERSION) --cleanup=whitespace -F target/release-notes.md
 
@@ -258,7 +259,7 @@ deb: stage ## Build the Debian package: target/debian/vitreo_VERSION-1_ARCHITECT
 	CARGO_TARGET_DIR=target $(TOOLS)/bin/cargo-deb --quiet --no-build --no-strip -p launcher -o $(DEB)
 	@echo $(DEB)
 
-test-deb: deb ## Install, use, upgrade and purge the package in a fresh Debian (as root)
+test-deb: deb ## Install, boot, use, upgrade and purge the package in a fresh Debian (as root)
 	$(AS_ROOT) tools/test-deb $(DEB)
 
 sbom: ## Write what the programs consist of, CycloneDX, to out/
@@ -268,7 +269,7 @@ sbom: ## Write what the programs consist of, CycloneDX, to out/
 reproducible: ## Build the package in two folders and compare every byte
 	TOOLS=$(TOOLS) tools/reproducible
 
-deny: ## Check licences, sources and bans of all dependencies, and advisories where they can be reached
+deny: ## Check licences, sources, bans and advisories of all dependencies (ADVISORIES=skip: without the last)
 	@$(call tool,cargo-deny,0.20.2)
 	tools/deny $(TOOLS)/bin/cargo-deny
 

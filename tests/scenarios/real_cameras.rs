@@ -17,7 +17,7 @@ impl Rig {
     fn start(instance: &str, store: &Path, further: &[&str]) -> Self {
         let mut command = Command::new("timeout");
         command.arg(WATCHDOG.as_secs().to_string()).arg(binaries().join("vitreo"));
-        command.args(["run", "--unscripted", "--no-picture", "--direct", "--instance", instance]);
+        command.args(["run", "--unscripted", "--no-picture", "--instance", instance]);
         command.args(["--module", "navigation", "--trainee", "t7", "--store"]).arg(store).args(further);
         command.env("XDG_CONFIG_HOME", "/nonexistent").current_dir(repository());
         let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("timeout");
