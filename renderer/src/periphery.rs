@@ -7,6 +7,9 @@
 
 mod layer;
 mod random;
+#[cfg(test)]
+mod seam;
+mod trunk;
 
 use crate::fundus_map::RADIUS_MM;
 use crate::photograph::Photograph;
@@ -14,6 +17,7 @@ use layer::Layer;
 use random::{Noise, Random, smooth};
 use scene::Side;
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, TAU};
+use trunk::Trunk;
 
 /// Angle from the pole to the ora serrata, where the retina ends, rad: 23 mm from the fovea, which is 7
 /// to 8 mm behind the limbus of an eye 24 mm long ("Examination of the ora serrata", Archives of
@@ -35,18 +39,16 @@ const PARS_PLANA: f32 = 0.30;
 /// Teeth of the ora serrata all round, and the longest, rad.
 const TEETH: usize = 36;
 const TOOTH: f32 = 0.09;
-/// Share of red, green and blue that a vessel's blood takes away.
+/// Share of red, green and blue that a vessel's blood takes away at most; of each colour beside green as
+/// much as in the photograph's own vessels, if it has any.
 const ABSORBED: [f32; 3] = [0.24, 0.62, 0.52];
 
 /// Directions in which the photograph's border is looked at.
 const BEARINGS: usize = 720;
-/// Share of the way to the border at which vessels are found, and at which their direction is.
-const FOUND_AT: f32 = 0.95;
-const CAME_FROM: f32 = 0.91;
+/// Share of the way to the border at which the ground's colour is.
+const GROUND_AT: f32 = 0.95;
 /// Half width of the surroundings with which a vessel is compared, directions.
 const SURROUNDINGS: usize = 14;
-/// By how much a vessel is darker than its surroundings in green, of 255.
-const DARKER: f32 = 7.0;
 /// Most vessels that go on, and how many there are at least.
 const MOST: usize = 30;
 const LEAST: usize = 12;
@@ -69,6 +71,7 @@ pub struct Periphery {
     /// Teeth of the ora serrata: bearing, half width, length, rad.
     teeth: Vec<[f32; 3]>,
     blood: Layer,
+    absorbed: [f32; 3],
     vortex: Layer,
     noise: Noise,
 }
@@ -96,24 +99,27 @@ struct Tip {
     /// From outwards towards growing bearings, rad.
     heading: f32,
     radius_mm: f32,
-    /// Share of the light that it takes at most.
+    /// Share of the light that it takes where it is not fine.
     dark: f32,
 }
 
 impl Periphery {
     /// Grows what lies beyond `photograph` in an eye of `side`.
     pub fn grow(photograph: &Photograph, size: usize, side: Side) -> Self {
-        let ring = Ring::of(photograph);
         let mut random = Random(0x05ee_d07e);
+        let trunks = trunks(photograph, &mut random);
         let mut grown = Periphery {
-            border: ring.colours(),
+            border: ground(photograph),
             teeth: teeth(&mut random),
             blood: Layer::new(size, side),
+            absorbed: absorbed(&trunks),
             vortex: Layer::new(size, side),
             noise: Noise(11),
         };
-        let tips = ring.vessels(photograph, &mut random);
-        grown.vessels(tips, &mut random);
+        for mut trunk in trunks {
+            trunk.darken(grown.absorbed, photograph);
+            grown.vessel(&trunk.course, &mut random);
+        }
         for quadrant in 0..4 {
             let bearing = FRAC_PI_4 + quadrant as f32 * FRAC_PI_2 + random.within(0.25);
             grown.vortex_vein(1.30 + random.within(0.07), bearing, &mut random);
@@ -138,7 +144,7 @@ impl Periphery {
         let ground = near.map(|c| c * (1.0 + uneven));
         let ground = mix(ground, VORTEX, 0.45 * self.vortex.shares[index]);
         let blood = self.blood.shares[index];
-        let retina = std::array::from_fn(|c| ground[c] * (1.0 - ABSORBED[c] * blood));
+        let retina = std::array::from_fn(|c| ground[c] * (1.0 - self.absorbed[c] * blood));
         let retina = mix(photo, retina, smooth((beyond + SEAM) / SEAM));
         self.before_the_ora(retina, place.theta, bearing, at)
     }
@@ -168,15 +174,17 @@ impl Periphery {
         mix(self.border[i % BEARINGS], self.border[(i + 1) % BEARINGS], share)
     }
 
-    fn vessels(&mut self, mut tips: Vec<Tip>, random: &mut Random) {
+    /// A trunk along its course in the photograph, and what grows from its end.
+    fn vessel(&mut self, course: &[Tip], random: &mut Random) {
+        course.windows(2).for_each(|ends| self.blood.line(&ends[0], &ends[1], ends[1].share()));
+        let mut tips: Vec<Tip> = course.last().copied().into_iter().collect();
         while let Some(mut tip) = tips.pop() {
             while tip.radius_mm > THINNEST_MM
                 && tip.theta < ORA_ANGLE - 0.06 - 0.25 * random.share() * STEP_MM
             {
                 let from = tip;
                 tip.go(STEP_MM, random);
-                let fine = (tip.radius_mm / 0.05).min(1.0).sqrt();
-                self.blood.line(&from, &tip, tip.dark * fine);
+                self.blood.line(&from, &tip, tip.share());
                 if random.share() < DIVISIONS * STEP_MM {
                     tips.push(tip.divide(random));
                 }
@@ -203,6 +211,16 @@ impl Periphery {
 }
 
 impl Tip {
+    /// Share by which a vessel as fine as this is fainter.
+    fn fine(&self) -> f32 {
+        (self.radius_mm / 0.05).min(1.0).sqrt()
+    }
+
+    /// Share of the light that it takes.
+    fn share(&self) -> f32 {
+        self.dark * self.fine()
+    }
+
     fn step(&mut self, way_mm: f32) {
         self.theta += way_mm * self.heading.cos() / RADIUS_MM;
         self.bearing += way_mm * self.heading.sin() / (RADIUS_MM * self.theta.sin().max(0.2));
@@ -227,65 +245,30 @@ impl Tip {
     }
 }
 
-/// The photograph along circles inside its border.
-struct Ring {
-    found: Vec<[f32; 3]>,
-    came: Vec<[f32; 3]>,
+/// The photograph's colours near its border without vessels, smooth all round.
+fn ground(photograph: &Photograph) -> Vec<[f32; 3]> {
+    let colour = |i: usize| photograph.at_share(direction(bearing_of(i)), GROUND_AT);
+    let ring: Vec<[f32; 3]> = (0..BEARINGS).map(colour).collect();
+    (0..BEARINGS).map(|i| mean_about(&ring, i, 2 * SURROUNDINGS)).collect()
 }
 
-impl Ring {
-    fn of(photograph: &Photograph) -> Self {
-        let circle = |share: f32| {
-            (0..BEARINGS).map(|i| photograph.at_share(direction(bearing_of(i)), share)).collect()
-        };
-        Ring { found: circle(FOUND_AT), came: circle(CAME_FROM) }
+/// The vessels that cross the border, the darkest first, as far as they are wanted; where there are
+/// few, others beside them.
+fn trunks(photograph: &Photograph, random: &mut Random) -> Vec<Trunk> {
+    let found = trunk::crossings(photograph).into_iter();
+    let mut trunks: Vec<Trunk> = found.filter_map(|i| Trunk::follow(photograph, i)).take(MOST).collect();
+    for more in trunks.len()..LEAST {
+        let i = (more * 211 + (random.share() * 20.0) as usize) % BEARINGS;
+        trunks.push(Trunk::invented(photograph, i, random));
     }
-
-    /// Colours without vessels, smooth all round.
-    fn colours(&self) -> Vec<[f32; 3]> {
-        (0..BEARINGS).map(|i| mean_about(&self.found, i, 2 * SURROUNDINGS)).collect()
-    }
-
-    /// How much darker each direction is than its surroundings in green, of 255.
-    fn darker(ring: &[[f32; 3]]) -> Vec<f32> {
-        (0..BEARINGS).map(|i| mean_about(ring, i, SURROUNDINGS)[1] - mean_about(ring, i, 1)[1]).collect()
-    }
-
-    /// The vessels that cross it, the darkest first, as far as they are wanted.
-    fn vessels(&self, photograph: &Photograph, random: &mut Random) -> Vec<Tip> {
-        let (found, came) = (Self::darker(&self.found), Self::darker(&self.came));
-        let mut peaks = peaks(&found);
-        peaks.sort_by(|a, b| found[*b].total_cmp(&found[*a]));
-        peaks.truncate(MOST);
-        let tip = |i: usize| {
-            let (_, border_rad) = photograph.border(photograph.towards(direction(bearing_of(i))));
-            let theta = border_rad * FOUND_AT;
-            let from = (0..=16).map(|k| (i + BEARINGS + k - 8) % BEARINGS);
-            let from = from.max_by(|a, b| came[*a].total_cmp(&came[*b])).unwrap_or(i);
-            let turned = ((i + BEARINGS + BEARINGS / 2 - from) % BEARINGS) as f32 - (BEARINGS / 2) as f32;
-            let along = border_rad * (FOUND_AT - CAME_FROM);
-            let heading = (turned / BEARINGS as f32 * TAU * theta.sin()).atan2(along);
-            let radius_mm = (0.016 + 0.0016 * found[i]).min(0.065);
-            Tip { theta, bearing: bearing_of(i), heading, radius_mm, dark: 0.0 }
-        };
-        let mut tips: Vec<Tip> = peaks.into_iter().map(tip).collect();
-        for more in tips.len()..LEAST {
-            let i = (more * 211 + (random.share() * 20.0) as usize) % BEARINGS;
-            tips.push(Tip { radius_mm: 0.02, heading: random.within(0.4), ..tip(i) });
-        }
-        tips.iter_mut().for_each(|t| t.dark = 0.62 + 0.3 * random.share());
-        tips
-    }
+    trunks
 }
 
-/// Local maxima above [`DARKER`].
-fn peaks(darker: &[f32]) -> Vec<usize> {
-    let n = darker.len();
-    let is_peak = |i: &usize| {
-        let [before, at, after] = [(i + n - 1) % n, *i, (i + 1) % n].map(|k| darker[k]);
-        at > DARKER && at >= before && at > after
-    };
-    (0..n).filter(is_peak).collect()
+/// What blood takes away of each colour: as much of green as [`ABSORBED`] says, of the others as the
+/// trunks have it.
+fn absorbed(trunks: &[Trunk]) -> [f32; 3] {
+    let sum = |c: usize| trunks.iter().map(|t| t.absorbed[c]).sum::<f32>();
+    [0, 1, 2].map(|c| ABSORBED[1] * (sum(c) / sum(1).max(1e-6)))
 }
 
 fn mean_about(ring: &[[f32; 3]], at: usize, half: usize) -> [f32; 3] {
@@ -351,6 +334,11 @@ mod tests {
         (0..BEARINGS).map(colour).collect()
     }
 
+    /// How much darker each direction of a circle is than its surroundings in green, of 255.
+    fn darker(ring: &[[f32; 3]]) -> Vec<f32> {
+        (0..BEARINGS).map(|i| mean_about(ring, i, SURROUNDINGS)[1] - mean_about(ring, i, 1)[1]).collect()
+    }
+
     /// Pearson's correlation.
     fn correlation(a: &[f32], b: &[f32]) -> f32 {
         let mean = |v: &[f32]| v.iter().sum::<f32>() / v.len() as f32;
@@ -361,7 +349,7 @@ mod tests {
 
     #[test]
     fn what_the_border_shows_is_not_drawn_outwards() {
-        let at = |beyond| Ring::darker(&circle(map(), beyond));
+        let at = |beyond| darker(&circle(map(), beyond));
         let alike = correlation(&at(0.15), &at(0.40));
         assert!(alike < 0.4, "{alike}");
     }
@@ -388,9 +376,10 @@ mod tests {
             let [i, j] = [0.5 + x * rho, 0.5 - y * rho].map(|c| (c * SIZE as f32) as usize);
             grown.blood.shares[j * SIZE + i]
         };
-        let tips = Ring::of(&photograph).vessels(&photograph, &mut Random(1));
-        assert!((LEAST..=MOST).contains(&tips.len()), "{}", tips.len());
-        for tip in tips.iter().take(6) {
+        let trunks = trunks(&photograph, &mut Random(1));
+        assert!((LEAST..=MOST).contains(&trunks.len()), "{}", trunks.len());
+        for trunk in trunks.iter().take(6) {
+            let tip = trunk.course[trunk.course.len() - 1];
             let near = (-8..=8).map(|k| blood(tip.theta + 0.02, tip.bearing + 0.01 * k as f32));
             assert!(near.fold(0.0, f32::max) > 0.3, "{tip:?}");
         }
