@@ -11,7 +11,7 @@ use training::score::table::{Category, Id, PENALTIES};
 use training::task::{Phase, Task, TaskState};
 
 /// Balls that a task may show: goals, and beads along a path.
-pub const MAX_BALLS: usize = MAX_GOALS + MAX_BEADS;
+pub const MAX_BALLS: usize = 2 * MAX_GOALS + MAX_BEADS;
 /// Bytes of text that a task may show.
 pub const MAX_TEXT: usize = 1024;
 /// Beads along a path.
@@ -22,6 +22,12 @@ const BEAD_SHARE: f64 = 0.25;
 const INSTRUCTIONS_S: f64 = 6.0;
 /// Opacity of a ball that a tip must come into.
 const CLEAR: f32 = 0.45;
+/// The rim of a mark on the retina: pale, so that the mark's own colour stands out whatever lies about it.
+const RIM: [f32; 3] = [0.9, 0.9, 0.85];
+/// Of a mark and of its rim, spheres that lie in the retina: radius, and depth of the centre, as shares of
+/// the goal's radius. The rim is seen from 0.34 to 0.49 of it.
+const MARK: [f64; 2] = [0.5, 0.3];
+const MARK_RIM: [f64; 2] = [1.0, 0.87];
 /// Vitreous by whose removal the line about it is made anew, µm³ (0.01 ml).
 const GEL_STEP_UM3: u64 = 10_000_000_000;
 /// Linear RGB of goals: open, later, done.
@@ -57,11 +63,16 @@ pub fn balls(world: &World, out: &mut Vec<SceneBody>) {
             Goal::Align { at_in_eye_mm, radius_mm, .. } => {
                 at_in_eye_mm.iter().for_each(|p| ball(Vector3::from(*p), *radius_mm, rgb, CLEAR));
             }
-            Goal::Place { at_in_eye_mm, radius_mm: near, .. } if task.is_open(state, i) => {
-                // A mark under the place, so that the body itself stays in sight.
+            Goal::Place { body, at_in_eye_mm, radius_mm: near, .. } if task.is_open(state, i) => {
+                // A mark under the place, of the body's colour, so that the body itself stays in sight.
+                let bodies = world.scene().bodies.as_ref();
+                let own = bodies.and_then(|b| b.body.get(*body as usize)).map(|b| b.rgba);
+                let own = own.map_or(rgb, |[r, g, b, _]| [r, g, b]);
                 let at = Vector3::from(*at_in_eye_mm);
-                let low = at.try_normalize(1e-6).map_or(at, |out| out * (radius_mm + 0.3 * near));
-                ball(low, 0.5 * near, rgb, 0.8);
+                for ([radius, depth], rgb) in [(MARK, own), (MARK_RIM, RIM)] {
+                    let low = at.try_normalize(1e-6).map_or(at, |out| out * (radius_mm + depth * near));
+                    ball(low, radius * near, rgb, 1.0);
+                }
             }
             Goal::Follow { path_in_eye_mm, radius_mm, .. } => {
                 let done_mm = state.goals[i].along_mm();
