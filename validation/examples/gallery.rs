@@ -5,8 +5,10 @@
 
 use anyhow::{Context, Result};
 use image::codecs::jpeg::JpegEncoder;
+use protocol::bindings::help;
 use protocol::optics::Lens;
 use protocol::scene::Section;
+use protocol::scene_text::Row;
 use renderer::governor::Shading;
 use renderer::gpu::Gpu;
 use renderer::output::picture::rgb;
@@ -16,13 +18,18 @@ use renderer::reference_scene::SceneBlock;
 use renderer::similarity::{reference_sized, reference_tier};
 use scene::SceneFile;
 use std::path::{Path, PathBuf};
-use surgeon::skill::CARELESS;
+use surgeon::skill::{CARELESS, EXPERT};
 use validation::moments::{MOMENTS, REFERENCE_MAP_PX, ScenePlayer};
 
 /// Edge of the fundus map, px: as fine as the photograph.
 const MAP_PX: u32 = 2048;
 /// Tier of the pictures: 2×800×640 px.
 const TIER: usize = 1;
+/// Tier of the pages with text: 640×512 px.
+const PAGE_TIER: usize = 2;
+/// Instants of the pages, s: the tip has begun to move; what comes after the end of the limit.
+const MOVES_S: f64 = 2.5;
+const AFTER_S: f64 = 3.0;
 /// A tool number without a tool: nothing is drawn.
 const NO_TOOL: u32 = 99;
 /// Largest file, bytes.
@@ -111,6 +118,28 @@ fn gallery(gpu: &Gpu, folder: &Path) -> Result<()> {
         change(&mut block);
         save(&folder.join(format!("{file}.jpg")), &player.draw(gpu, &block, TIER, MAP_PX))?;
     }
+    pages(gpu, folder)
+}
+
+/// What a person at a desk sees in the first minute, and after an attempt.
+fn pages(gpu: &Gpu, folder: &Path) -> Result<()> {
+    let save = |file: &str, player: &ScenePlayer, block: &SceneBlock, overlay: &str| {
+        let path = folder.join(format!("{file}.png"));
+        println!("{}", path.display());
+        save_png(&path, &player.draw_at_desk(gpu, block, PAGE_TIER, MAP_PX, overlay))
+    };
+    let mut player = ScenePlayer::begin(surgeon::compose(&surgeon::load("navigation")?, 1, &EXPERT, 1)?);
+    let mut keys = String::new();
+    help(true).lines().for_each(|line| Row::Plain(line).push(&mut keys));
+    let block = player.play_to(0.02);
+    save("start-page", &player, &block, "")?;
+    let block = player.play_to(MOVES_S);
+    save("first-movement", &player, &block, "")?;
+    save("help-page", &player, &block, &keys)?;
+    let mut player = begin("module shadow")?;
+    let limit_s = player.scene.task.as_ref().context("a task")?.limit_s;
+    let block = player.play_to(limit_s + AFTER_S);
+    save("end-page", &player, &block, "")?;
     Ok(())
 }
 

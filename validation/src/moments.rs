@@ -3,6 +3,7 @@
 //! the documentation.
 
 use offline::film::{FIELDS_PER_S, Film};
+use protocol::bindings::next_steps;
 use protocol::rig::Rig;
 use renderer::frame::Renderer;
 use renderer::gpu::Gpu;
@@ -11,6 +12,7 @@ use renderer::offscreen::Offscreen;
 use renderer::readback::Picture;
 use renderer::reference_scene::SceneBlock;
 use renderer::start::renderer_config;
+use renderer::stereo::{Arrangement, arrange};
 use scene::SceneFile;
 use surgeon::skill::EXPERT;
 
@@ -61,6 +63,44 @@ impl ScenePlayer {
         map_px: u32,
         set_up: impl FnOnce(&mut Renderer),
     ) -> Picture {
+        let mut picture = Picture::default();
+        self.drawn(gpu, block, tier, map_px, set_up).read(tier, &mut picture).expect("the picture");
+        picture
+    }
+
+    /// One eye of `block` with its text, as a person at a desk sees it; `overlay`: lines in place of that
+    /// text, empty for none.
+    ///
+    /// # Panics
+    /// If the shipped meshes or the graphics driver fail.
+    pub fn draw_at_desk(
+        &self,
+        gpu: &Gpu,
+        block: &SceneBlock,
+        tier: usize,
+        map_px: u32,
+        overlay: &str,
+    ) -> Picture {
+        let mut offscreen = self.drawn(gpu, block, tier, map_px, |renderer| {
+            renderer.set_at_desk(true);
+            renderer.set_next_steps(&next_steps());
+            renderer.set_overlay(overlay, !overlay.is_empty());
+        });
+        let (mut picture, one_eye) = (Picture::default(), Arrangement::Left);
+        offscreen.compose(tier, one_eye, &mut picture).expect("the picture");
+        arrange(&mut picture, one_eye);
+        picture
+    }
+
+    /// A fresh renderer that has drawn `block`.
+    fn drawn(
+        &self,
+        gpu: &Gpu,
+        block: &SceneBlock,
+        tier: usize,
+        map_px: u32,
+        set_up: impl FnOnce(&mut Renderer),
+    ) -> Offscreen {
         let rig = Rig::load_or_shipped(None).expect("the shipped rig");
         let config = renderer_config(&self.scene, &rig, tier, map_px);
         let mut offscreen = Offscreen::new(gpu.clone(), config).expect("shipped meshes and photograph");
@@ -70,9 +110,7 @@ impl ScenePlayer {
             renderer.take_scene(gpu, &block.header, block.payload()).expect("a scene of the simulation");
         }
         offscreen.draw(tier, &latch_scene(&block.header));
-        let mut picture = Picture::default();
-        offscreen.read(tier, &mut picture).expect("the picture");
-        picture
+        offscreen
     }
 }
 
