@@ -168,3 +168,66 @@ impl Evidence {
         (agreeing >= 2).then_some(px)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::adverse::{Adverse, STEPS, Seen};
+    use nalgebra::{SMatrix, Vector2};
+    use protocol::limits::FIELD_PERIOD_NS;
+    use protocol::random::{nth, unit_interval};
+
+    /// Jacobians of a marker; the same for every field, as those of a hand that holds still are.
+    fn jacobian(of: u64, marker: u64) -> SMatrix<f64, 2, 6> {
+        SMatrix::from_fn(|r, c| unit_interval(nth(of, marker * 12 + (r * 6 + c) as u64)) - 0.5)
+    }
+
+    /// What six markers at `offset`, px, add; one alone where little is seen.
+    fn update(offset: Vector2<f64>, markers: u64) -> (OfCamera, Matrix6, Vector6) {
+        let (mut own, mut of_pose, mut pull) = (OfCamera::default(), Matrix6::identity(), Vector6::zeros());
+        for marker in 0..markers {
+            let (a, j) = (jacobian(1, marker), jacobian(2, marker));
+            of_pose += j.transpose() * j;
+            pull += j.transpose() * offset;
+            own.own += a.transpose() * a;
+            own.mixed += a.transpose() * j;
+            own.right += a.transpose() * offset;
+            own.spread += a.transpose() * a;
+            own.blobs += 1.0;
+        }
+        (own, of_pose.try_inverse().expect("it holds the identity"), pull)
+    }
+
+    #[test]
+    fn evidence_stays_finite_symmetric_and_bounded_for_a_million_fields() {
+        let mut checked = 0;
+        for movement in Adverse::ALL {
+            let mut evidence = Evidence::default();
+            // Of everything seen at once, every field, forgotten as fast as constants say.
+            let most = update(Vector2::zeros(), 6).0.own.trace()
+                / (1.0 - libm::exp(-(FIELD_PERIOD_NS as f64) / k::KNOCK_MEMORY_NS));
+            for n in 0..STEPS {
+                let (position, seen) = movement.at(n);
+                let markers = match seen {
+                    Seen::Nothing => continue,
+                    Seen::OneCamera => 1,
+                    Seen::All => 6,
+                };
+                let (own, of_pose, pull) = update(position.xy() * 0.01, markers);
+                let time_ns = n * FIELD_PERIOD_NS;
+                evidence.take(n as usize % BODIES, &own, &of_pose, &pull, time_ns);
+                if n % 1_000 != 0 {
+                    continue;
+                }
+                let information = evidence.bodies.iter().fold(Matrix6::zeros(), |sum, b| sum + b.information);
+                let asymmetry = (information - information.transpose()).norm();
+                assert!(asymmetry <= 1e-9 * information.norm(), "{movement:?}, field {n}: {asymmetry}");
+                assert!(information.trace() <= most, "{movement:?}, field {n}: {}", information.trace());
+                assert!(evidence.gain().is_finite() && evidence.gain() >= 0.0, "{movement:?}, field {n}");
+                checked += 1;
+            }
+        }
+        println!("compared at {checked} of {} fields", 6 * STEPS);
+        assert!(checked >= 600);
+    }
+}
