@@ -2,8 +2,9 @@
 //! time is an argument.
 //!
 //! Genlocked cameras are one group; a free-running camera is a group of its own. A group's field is
-//! made as soon as its field before has left, ahead of the instant at which its blobs are due; it
-//! is not begun just before another group's field has to leave.
+//! made half a period ahead of the instant at which its blobs are due. The half period before that
+//! belongs to those who work on the field that has just left: real cameras take no processor from the
+//! picture. A field is not begun just before another group's field has to leave.
 
 use crate::cameras::Cameras;
 use crate::faults::timing::Clock;
@@ -22,8 +23,8 @@ pub struct Group {
     pub next: u64,
     /// From an exposure until its first blobs are due, ns.
     pub out_after_ns: u64,
-    /// When the field exposed last has left, ns after the start.
-    busy_until_ns: u64,
+    /// When the next field may be made at the earliest, ns after the start.
+    not_before_ns: u64,
 }
 
 /// Next action of the process.
@@ -55,7 +56,7 @@ impl Schedule {
                 group.cameras.push(i);
                 group.out_after_ns = group.out_after_ns.min(out_after_ns);
             } else {
-                groups.push(Group { cameras: vec![i], clock, next: 0, out_after_ns, busy_until_ns: 0 });
+                groups.push(Group { cameras: vec![i], clock, next: 0, out_after_ns, not_before_ns: 0 });
             }
         }
         Schedule(groups)
@@ -63,7 +64,7 @@ impl Schedule {
 
     /// Starts again with field 0.
     pub fn reset(&mut self) {
-        self.0.iter_mut().for_each(|g| (g.next, g.busy_until_ns) = (0, 0));
+        self.0.iter_mut().for_each(|g| (g.next, g.not_before_ns) = (0, 0));
     }
 
     /// Goes on with the first field of each group that is exposed later than `elapsed_ns` after the
@@ -82,7 +83,7 @@ impl Schedule {
     /// exposed from `duration_ns` on.
     pub fn next(&self, elapsed_ns: u64, send_ns: Option<u64>, duration_ns: u64) -> Action {
         let lives = |g: &&Group| g.clock.exposed_ns(g.next) < duration_ns;
-        let is_free = |g: &Group| g.busy_until_ns <= elapsed_ns;
+        let is_free = |g: &Group| g.not_before_ns <= elapsed_ns;
         let all = self.0.iter().filter(lives);
         let free = (0..self.0.len()).filter(|&i| lives(&&self.0[i]) && is_free(&self.0[i]));
         if let Some(i) = free.min_by_key(|&i| self.0[i].due_ns()) {
@@ -92,7 +93,7 @@ impl Schedule {
                 None => Action::Expose(i),
             };
         }
-        let wake = all.map(|g| g.busy_until_ns).chain(send_ns).min();
+        let wake = all.map(|g| g.not_before_ns).chain(send_ns).min();
         wake.map_or(Action::Over, Action::Wait)
     }
 
@@ -108,8 +109,8 @@ impl Schedule {
     /// Marks the next field of group `i` as exposed; returns its number.
     pub fn exposed(&mut self, i: usize) -> u64 {
         let group = &mut self.0[i];
-        group.busy_until_ns = group.due_ns();
         group.next += 1;
+        group.not_before_ns = group.due_ns().saturating_sub(group.clock.period_ns / 2);
         group.next - 1
     }
 }
@@ -137,9 +138,10 @@ mod tests {
         assert_eq!(schedule.0.len(), 1);
         assert_eq!(schedule.next(0, None, 100 * MS), Action::Expose(0), "ahead of its time");
         assert_eq!(schedule.exposed(0), 0);
-        assert_eq!(schedule.next(2 * MS, Some(20 * MS), 100 * MS), Action::Wait(19 * MS));
-        assert_eq!(schedule.next(19 * MS, Some(20 * MS), 100 * MS), Action::Wait(20 * MS), "not just before");
-        assert_eq!(schedule.next(21 * MS, None, 100 * MS), Action::Expose(0));
+        assert_eq!(schedule.next(2 * MS, Some(20 * MS), 100 * MS), Action::Wait(20 * MS));
+        assert_eq!(schedule.next(21 * MS, None, 100 * MS), Action::Wait(29 * MS), "half a period ahead");
+        assert_eq!(schedule.next(29 * MS, Some(31 * MS), 100 * MS), Action::Wait(31 * MS), "not just before");
+        assert_eq!(schedule.next(31 * MS, None, 100 * MS), Action::Expose(0));
         assert_eq!(schedule.next(21 * MS, None, 20 * MS), Action::Over);
         assert_eq!(
             schedule.next(21 * MS, Some(30 * MS), 20 * MS),
@@ -199,6 +201,6 @@ mod tests {
         let mut schedule = Schedule::from_clocks([(clock(0), 20 * MS)].into_iter());
         schedule.exposed(0);
         // Nothing was sent, yet the next field waits for its turn.
-        assert_eq!(schedule.next(5 * MS, None, u64::MAX), Action::Wait(20 * MS));
+        assert_eq!(schedule.next(5 * MS, None, u64::MAX), Action::Wait(30 * MS));
     }
 }
