@@ -23,6 +23,7 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::{ExitStatus, Stdio};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tokio::sync::{Notify, watch};
 use tokio::time::{Instant, timeout};
@@ -41,7 +42,7 @@ const HEARTBEAT_WAIT: Duration = Duration::from_millis(50);
 pub struct Surroundings {
     /// Environment variables, set only where the user has not set them.
     pub environment: Vec<(&'static str, String)>,
-    /// Niceness, 0 to 19; a nicer process lets the others go first.
+    /// Niceness, -20 to 19; a nicer process lets the others go first. Below 0 it needs a right.
     pub nice: i32,
     /// Real-time scheduling, where this user may ask for it: it runs as soon as it wakes up.
     pub realtime: bool,
@@ -65,6 +66,8 @@ pub struct Child {
     output: Arc<Output>,
     /// Its standard input, where it listens.
     input: Option<File>,
+    /// It has written the line `ready`.
+    said_ready: Arc<AtomicBool>,
     /// Its exit status, once it has ended and its output has been read.
     status: watch::Receiver<Option<ExitStatus>>,
 }
@@ -100,14 +103,15 @@ impl Child {
         let mut child = child.with_context(|| format!("start {}", program.display()))?;
         let input = child.stdin.take().and_then(|input| input.into_owned_fd().ok()).map(File::from);
         let pid = child.id().context("the id of a child")?;
-        if surroundings.nice > 0 {
-            // Without it the child works too, only less politely.
+        if surroundings.nice != 0 {
+            // Without it the child works too.
             let _ = setpriority_process(Pid::from_raw(pid as i32), surroundings.nice);
         }
         let output = Arc::new(Output::new(open_log(instance, process)));
         let (end, status) = watch::channel(None);
-        tokio::spawn(attend(child, Arc::clone(&output), surroundings.clone(), end));
-        Ok(Child { process, name, pid, output, input, status })
+        let said_ready = Arc::<AtomicBool>::default();
+        tokio::spawn(attend(child, Arc::clone(&output), Arc::clone(&said_ready), surroundings.clone(), end));
+        Ok(Child { process, name, pid, output, input, said_ready, status })
     }
 
     /// Which process it is.
@@ -152,6 +156,11 @@ impl Child {
         input.write_all(format!("{line}\n").as_bytes())
     }
 
+    /// True if it has written the line `ready` on its standard output.
+    pub fn has_said_ready(&self) -> bool {
+        self.said_ready.load(Ordering::Relaxed)
+    }
+
     /// Asks it to end, by SIGTERM.
     pub fn terminate(&self) {
         self.signal(Signal::TERM);
@@ -182,6 +191,7 @@ impl Drop for Child {
 async fn attend(
     mut child: tokio::process::Child,
     output: Arc<Output>,
+    said_ready: Arc<AtomicBool>,
     surroundings: Surroundings,
     end: watch::Sender<Option<ExitStatus>>,
 ) {
@@ -190,7 +200,10 @@ async fn attend(
     let written = Arc::clone(&output);
     let printed = tokio::spawn(async move {
         if let Some(pipe) = stdout {
-            written.read(pipe, |_| {}).await;
+            let note = |line: &str| {
+                said_ready.fetch_or(line == "ready", Ordering::Relaxed);
+            };
+            written.read(pipe, note).await;
         }
     });
     let logged = tokio::spawn(async move {

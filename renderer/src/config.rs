@@ -15,8 +15,6 @@ pub const HELD_NS: u64 = 250_000_000;
 /// A window is redrawn and its events are served at least this often, and any picture that is held
 /// is redrawn, ns.
 pub const IDLE_REDRAW_NS: u64 = 50_000_000;
-/// Niceness of the process: tracking and simulation come first.
-pub const NICENESS: i32 = 5;
 /// Time for which the picture shows a new tier and its reason, ns.
 pub const STATUS_NS: u64 = 4_000_000_000;
 /// Most small pictures a second.

@@ -8,7 +8,7 @@ mod user;
 
 use crate::assets::Assets;
 use crate::compose::Composer;
-use crate::config::{Config, IDLE_REDRAW_NS, NICENESS, STATUS_NS, STILL_NS, VIDEO_HZ};
+use crate::config::{Config, IDLE_REDRAW_NS, STATUS_NS, STILL_NS, VIDEO_HZ};
 use crate::costs::Costs;
 use crate::frame::Renderer;
 use crate::governor::{FLOOR, Governor, TIERS};
@@ -49,8 +49,6 @@ use user::User;
 /// If the scene, the rig or an asset cannot be read, there is no graphics driver or no display, the
 /// device is lost, or a file cannot be written.
 pub fn run(config: &Config) -> Result<()> {
-    // Before the driver starts its threads, which inherit it.
-    let _ = rustix::process::nice(NICENESS);
     let Some(mut process) = start(config)? else { return Ok(()) };
     while !process.shell.stopping() {
         process.turn()?;
@@ -135,7 +133,6 @@ fn start(config: &Config) -> Result<Option<RendererShell>> {
         .map(Some);
     }
     let order = Order::listen();
-    standby::step_back();
     let prepared = Prepared::new(config, &|| order.given())?;
     let Some(tier) = order.wait() else { return Ok(None) };
     let joined = Shell::start(Process::Renderer, &config.shell)?;

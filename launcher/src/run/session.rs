@@ -241,7 +241,7 @@ impl<'a> Session<'a> {
         }
         self.screen.print(&format!("starting {}", self.supervisor.awaited().join(", ")));
         let mut message_at = Instant::now() + START_MESSAGE_PERIOD;
-        while !self.supervisor.all_ready() {
+        while !self.supervisor.all_prepared(now()) {
             self.turn().await?;
             if self.stop.is_raised() {
                 bail!("stopped while the processes were starting");

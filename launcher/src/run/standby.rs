@@ -1,5 +1,6 @@
 //! Renderers that have loaded and compiled everything and wait to take over: a software driver takes
-//! seconds for that. They cost memory, and no processor while they wait.
+//! seconds for that. They cost memory, and no processor while they wait. The first is ready before the
+//! first field, so that nothing is compiled while frames are judged.
 
 use crate::children::Child;
 use protocol::health::Process;
@@ -7,10 +8,11 @@ use protocol::time::Nanos;
 
 /// Makes a renderer wait.
 pub const OPTION: &str = "--standby";
-/// The renderer at work has been so for this long before another is prepared, and that one for as
-/// long before the next, ns: one that does not last needs none, and it needs the processor itself.
+/// After the start the renderer at work has been so for this long before another is prepared, and that
+/// one for as long before the next, ns: one that does not last needs none, and it needs the processor
+/// itself.
 const AFTER_NS: u64 = 1_500_000_000;
-/// How many wait: a renderer that dies soon after it took over needs the second.
+/// How many wait once a renderer has died: one that dies soon after it took over needs the second.
 const WAITING: usize = 2;
 /// Memory that must be available for one, KiB.
 const MEMORY_KIB: u64 = 1 << 20;
@@ -24,6 +26,10 @@ pub struct Standby {
     /// Since when the renderer is at work.
     at_work_since: Option<Nanos>,
     failures: u32,
+    /// One has been asked for.
+    begun: bool,
+    /// One has taken over.
+    used: bool,
 }
 
 impl Standby {
@@ -37,15 +43,22 @@ impl Standby {
             return false;
         }
         let since = *self.at_work_since.get_or_insert(now);
-        if self.children.len() >= WAITING
+        let enough = if self.used { WAITING } else { 1 };
+        let after_ns = if self.begun { AFTER_NS } else { 0 };
+        if self.children.len() >= enough
             || self.failures >= MAX_FAILURES
-            || now.saturating_sub(since) < AFTER_NS
+            || now.saturating_sub(since) < after_ns
         {
             return false;
         }
-        // Without it this is asked again after as long.
-        self.at_work_since = None;
+        // Without it this is asked again after a while.
+        (self.begun, self.at_work_since) = (true, None);
         is_memory_enough()
+    }
+
+    /// True if the first one need not be waited for: it is ready, or there is none.
+    pub fn is_prepared(&self) -> bool {
+        self.begun && self.children.iter().all(|c| c.has_said_ready() || c.exited().is_some())
     }
 
     /// Keeps one that was started; `None` where it could not be.
@@ -68,7 +81,7 @@ impl Standby {
             return None;
         }
         let mut child = self.children.remove(0);
-        self.at_work_since = None;
+        (self.used, self.at_work_since) = (true, None);
         // The tier; none where none was drawn yet.
         child.tell(arguments.last().map_or("", String::as_str)).ok()?;
         Some(child)
@@ -93,6 +106,9 @@ mod tests {
     fn one_is_wanted_when_the_renderer_has_worked_for_a_while() {
         let mut standby = Standby::default();
         let second = 1_000_000_000;
+        assert!(!standby.is_prepared(), "not before it was asked for");
+        assert_eq!(standby.is_wanted(9 * second, true), is_memory_enough(), "the first at once");
+        assert!(standby.is_prepared(), "there is none");
         assert!(!standby.is_wanted(10 * second, true));
         assert!(!standby.is_wanted(12 * second, false), "it died");
         assert!(!standby.is_wanted(14 * second, true), "counted anew");

@@ -20,8 +20,13 @@ const START_NS: u64 = 60_000_000_000;
 /// After a pause of its own of this length (a suspended laptop) the launcher restarts no process
 /// for its silence, ns.
 const OWN_SLEEP_NS: u64 = 1_000_000_000;
-/// Niceness of the renderer where the others cannot be real-time processes: they still go first.
-const RENDERER_NICE: i32 = 5;
+/// Niceness of the renderer beside real-time processes: it goes before programs that have nothing to do
+/// with the simulator, where this user has the right.
+const NICE_BESIDE_REALTIME: i32 = -5;
+/// The same where the others cannot be real-time processes: they still go first.
+const NICE_BESIDE_USUAL: i32 = 10;
+/// How long a start waits for a renderer that prepares to take over.
+const PREPARE_NS: u64 = 15_000_000_000;
 
 /// A change in the state of a process.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -143,7 +148,7 @@ impl Supervisor {
             Process::Renderer => {
                 let threads = software_threads(realtime_allowed()).to_string();
                 surroundings.environment = vec![("LP_NUM_THREADS", threads)];
-                surroundings.nice = if realtime_allowed() { 0 } else { RENDERER_NICE };
+                surroundings.nice = if realtime_allowed() { NICE_BESIDE_REALTIME } else { NICE_BESIDE_USUAL };
             }
             // A field must not wait for a time slice of the renderer's to end.
             _ => surroundings.realtime = true,
@@ -159,9 +164,19 @@ impl Supervisor {
         self.slots.iter().all(|s| s.ready && s.child.is_some())
     }
 
+    /// True once every started process is at work, and so is what is to be prepared beside them.
+    pub fn all_prepared(&self, now: Nanos) -> bool {
+        let renderer = self.slots.iter().find(|s| s.process == Process::Renderer);
+        let waited = renderer.map_or(0, |s| now.saturating_sub(s.ready_at));
+        let needs_none = self.view != View::Headless || waited > PREPARE_NS;
+        self.all_ready() && (needs_none || self.standby.is_prepared())
+    }
+
     /// Names of the processes that are not ready yet.
     pub fn awaited(&self) -> Vec<&'static str> {
-        self.slots.iter().filter(|s| !s.ready || s.child.is_none()).map(|s| s.process.name()).collect()
+        let late = self.slots.iter().filter(|s| !s.ready || s.child.is_none());
+        let reserve = self.all_ready().then_some("the renderer in reserve");
+        late.map(|s| s.process.name()).chain(reserve).collect()
     }
 
     /// Takes a heartbeat.

@@ -2,32 +2,34 @@
 //! first frames (seconds on a software driver), but takes part in nothing. The launcher tells it to
 //! begin by a line on standard input, which ends when there is nothing to wait for any more.
 
-use crate::config::NICENESS;
-use rustix::process::{Pid, nice, setpriority_process};
+use rustix::process::{Pid, getpriority_process, nice, setpriority_process};
 use std::cell::OnceCell;
 use std::fs::read_dir;
-use std::io::{self, BufRead};
+use std::io::{self, BufRead, Write};
 use std::sync::mpsc::{Receiver, channel};
 
 /// Added to the niceness while it prepares: beside the one that draws it gets a tenth of a core. Less
 /// would leave it unfinished for long where the machine is loaded, and there it is needed.
 const PREPARING: i32 = 10;
 
-/// Makes room for others where it can be taken back. To be called before the driver starts its
-/// threads, which inherit it.
-pub(super) fn step_back() {
+/// What it writes on standard output when it is ready; the launcher waits for that.
+const READY: &str = "ready";
+
+/// Makes room for others where it can be taken back; the niceness to return to.
+fn step_back() -> Option<i32> {
+    let usual = getpriority_process(None).ok()?;
     // Without the right to return it would stay behind for ever.
-    if nice(1).is_ok() && nice(-1).is_ok() {
-        let _ = nice(PREPARING);
-    }
+    nice(1).and_then(|_| nice(-1)).and_then(|_| nice(PREPARING)).ok()?;
+    Some(usual)
 }
 
 /// Takes every thread back to the usual niceness.
-fn step_forward() {
+fn step_forward(usual: Option<i32>) {
+    let Some(usual) = usual else { return };
     for task in read_dir("/proc/self/task").into_iter().flatten().flatten() {
         let id = task.file_name().to_str().and_then(|name| name.parse().ok());
         if let Some(id) = id.and_then(Pid::from_raw) {
-            let _ = setpriority_process(Some(id), NICENESS);
+            let _ = setpriority_process(Some(id), usual);
         }
     }
 }
@@ -36,21 +38,25 @@ fn step_forward() {
 pub(super) struct Order {
     listener: Receiver<Option<usize>>,
     given: OnceCell<Option<usize>>,
+    /// Niceness of a renderer at work.
+    usual: Option<i32>,
 }
 
 impl Order {
-    /// Listens from now on; on the order every thread goes forward at once.
+    /// Steps back and listens from now on; on the order every thread goes forward at once. To be called
+    /// before the driver starts its threads, which inherit the niceness.
     pub(super) fn listen() -> Self {
+        let usual = step_back();
         let (told, order) = channel();
         // It ends with the line, or with the process.
         std::thread::spawn(move || {
             let mut line = String::new();
             if io::stdin().lock().read_line(&mut line).is_ok_and(|bytes| bytes > 0) {
-                step_forward();
+                step_forward(usual);
                 let _ = told.send(line.trim().parse().ok());
             }
         });
-        Order { listener: order, given: OnceCell::new() }
+        Order { listener: order, given: OnceCell::new(), usual }
     }
 
     /// It, if it has come: the tier to begin with, if it names one.
@@ -65,9 +71,11 @@ impl Order {
     /// Waits for it: the tier to begin with, if it names one. `None` where there is nothing to wait
     /// for any more.
     pub(super) fn wait(self) -> Option<Option<usize>> {
+        // Who cannot read it does without.
+        let _ = writeln!(io::stdout(), "{READY}");
         let order = self.given().or_else(|| self.listener.recv().ok())?;
         // Threads that were made since.
-        step_forward();
+        step_forward(self.usual);
         Some(order)
     }
 }
