@@ -14,8 +14,6 @@ fn main() -> ExitCode {
         Some(command) => fpga_model::commands::run(command),
         None => fpga_model::process::run(&config),
     };
-    match done {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => ipc::logging::fail(error.as_ref()),
-    }
+    let done = done.map(|()| ExitCode::SUCCESS);
+    outputs::exit_code(done, |error| ipc::logging::fail(error.as_ref()), ipc::logging::warn)
 }

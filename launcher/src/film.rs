@@ -12,7 +12,7 @@ use crate::runtime::{INTERRUPTED, StopSignal, block_on};
 use crate::span::SpanArgs;
 use anyhow::{Context, bail};
 use ipc::logging::{arguments, inform};
-use outputs::{Force, Outputs, println, video_file};
+use outputs::{FILM_STILLS, Force, Outputs, println, video_file};
 use protocol::scene_stream::{self, Reader};
 use std::io::{BufWriter, Write};
 use std::os::unix::process::CommandExt;
@@ -94,7 +94,7 @@ fn film(args: &FilmArgs, stop: &StopSignal) -> anyhow::Result<ExitCode> {
     args.fundus.fundus.as_deref().map_or(Ok(()), |photograph| check_file("--fundus", photograph))?;
     let mut outputs = Outputs::new(args.force.force).reading(&args.subject).reading_all(&args.fundus.fundus);
     film.as_deref().map_or(Ok(()), |file| outputs.claim(file))?;
-    args.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder))?;
+    args.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder, FILM_STILLS))?;
     let subject = Subject::open(args)?;
     // Dropped in reverse: a simulation that is in the way ends without a word of its broken pipe.
     let (mut scenes, mut simulation) = simulate(args, &subject)?;

@@ -6,6 +6,13 @@ use std::fs::{self, File, Metadata};
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::{Path, PathBuf};
 
+/// Names of files that a command writes into a folder, each by its beginning and its end.
+pub type Names = &'static [[&'static str; 2]];
+/// Pictures of a run.
+pub const STILLS: Names = &[["frame-", ".png"], ["last", ".png"]];
+/// Pictures of a film, named by their instants.
+pub const FILM_STILLS: Names = &[["still-", ".png"], ["still-", ".jpg"]];
+
 /// The inputs and outputs of a command.
 #[derive(Debug, Default)]
 pub struct Outputs {
@@ -68,11 +75,11 @@ impl Outputs {
         }
     }
 
-    /// As [`Outputs::claim`], of a folder for several files: it must be empty, or absent.
+    /// As [`Outputs::claim`], of a folder for the files of `names`; others may lie there.
     ///
     /// # Errors
-    /// Where it holds files, is a file, or is an input or another output.
-    pub fn claim_folder(&mut self, path: &Path) -> Result<(), OutputError> {
+    /// Where it holds such files, is a file, or is an input or another output.
+    pub fn claim_folder(&mut self, path: &Path, names: Names) -> Result<(), OutputError> {
         self.note(path)?;
         let shown = || path.display().to_string();
         if let Some(input) = self.inputs.iter().find(|i| same_file(i, path) && !(self.force && i.is_dir())) {
@@ -82,7 +89,10 @@ impl Outputs {
             Ok(found) if !found.is_dir() => {
                 Err(OutputError::Kind { path: shown(), expected: "a folder, found a file" })
             }
-            Ok(_) if !self.force && has_entries(path) => Err(OutputError::NotEmpty { path: shown() }),
+            Ok(_) if !self.force => {
+                let taken = |found: PathBuf| Err(OutputError::Exists { path: found.display().to_string() });
+                entry_of(path, names).map_or_else(|| check_takes_files(path, path), taken)
+            }
             _ => check_takes_files(path, path),
         }
     }
@@ -196,8 +206,13 @@ fn resolved(path: &Path) -> PathBuf {
     }
 }
 
-fn has_entries(folder: &Path) -> bool {
-    fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some())
+/// The first file in a folder whose name is one of `names`.
+fn entry_of(folder: &Path, names: Names) -> Option<PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let is_taken =
+        |name: &str| names.iter().any(|[begin, end]| name.starts_with(begin) && name.ends_with(end));
+    let taken = entries.filter(|entry| entry.file_name().to_str().is_some_and(is_taken));
+    taken.map(|entry| entry.path()).min()
 }
 
 /// Whether the folder, or the nearest one above it that exists, takes a new file; `path` is the output
@@ -252,11 +267,28 @@ mod tests {
             Outputs::new(true).claim(&at(name)).unwrap();
         }
         assert!(text(Outputs::new(true).claim(folder.path())).contains("found a folder"));
-        assert!(text(Outputs::new(false).claim_folder(folder.path())).contains("holds files"));
-        assert!(text(Outputs::new(true).claim_folder(&at("a"))).contains("found a file"));
-        Outputs::new(true).claim_folder(folder.path()).unwrap();
-        Outputs::new(false).claim_folder(&at("new")).unwrap();
+        assert!(text(Outputs::new(true).claim_folder(&at("a"), STILLS)).contains("found a file"));
+        Outputs::new(true).claim_folder(folder.path(), STILLS).unwrap();
+        Outputs::new(false).claim_folder(&at("new"), STILLS).unwrap();
         assert!(!at("new").exists(), "a claim changes nothing");
+    }
+
+    #[test]
+    fn a_folder_for_stills_is_refused_where_a_name_is_taken_only() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, taken) in
+            [("run.log", false), ("still-0001.png", false), ("frame-000100.png", true), ("last.png", true)]
+        {
+            let file = folder.path().join(name);
+            fs::write(&file, "").unwrap();
+            let claimed = Outputs::new(false).claim_folder(folder.path(), STILLS);
+            match taken {
+                true => assert!(text(claimed).contains(&format!("{name}: exists already; --force"))),
+                false => claimed.unwrap(),
+            }
+            Outputs::new(true).claim_folder(folder.path(), STILLS).unwrap();
+            fs::remove_file(file).unwrap();
+        }
     }
 
     #[test]
@@ -287,6 +319,8 @@ mod tests {
         assert!(text(Outputs::new(false).claim(&within)).contains("a part of its path is a file"));
         // Root has every right there, and yet no file can be made.
         assert!(text(Outputs::new(false).claim(Path::new("/sys/a"))).contains("cannot be written"));
-        assert!(text(Outputs::new(false).claim_folder(Path::new("/sys/a"))).contains("cannot be written"));
+        assert!(
+            text(Outputs::new(false).claim_folder(Path::new("/sys/a"), STILLS)).contains("cannot be written")
+        );
     }
 }

@@ -16,9 +16,9 @@ mod file;
 mod stdout;
 mod video;
 
-pub use claim::Outputs;
+pub use claim::{FILM_STILLS, Names, Outputs, STILLS};
 pub use file::{GrowingFile, OutputFile, save};
-pub use stdout::{standard_output_failure, write_to_stdout};
+pub use stdout::{exit_code, standard_output_failure, write_to_stdout};
 pub use video::{VideoFormat, video_file};
 
 use std::borrow::Cow;
@@ -43,12 +43,6 @@ pub enum OutputError {
     #[error("{path}: exists already; --force writes over it")]
     Exists {
         /// The file.
-        path: String,
-    },
-    /// There is something in that folder.
-    #[error("{path}: holds files already; --force writes among them")]
-    NotEmpty {
-        /// The folder.
         path: String,
     },
     /// The command reads that file.

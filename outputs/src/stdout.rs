@@ -1,9 +1,12 @@
 //! Standard output that may go away: a pipe whose reader has seen enough, a closed terminal, a full
 //! disk. The standard macros end the program there, and with it whatever it had yet to do.
 
+use super::plainly;
 use protocol::message::printable;
+use std::error::Error;
 use std::fmt::Arguments;
 use std::io::{self, Write};
+use std::process::ExitCode;
 use std::sync::OnceLock;
 
 static FAILURE: OnceLock<io::ErrorKind> = OnceLock::new();
@@ -43,4 +46,29 @@ pub fn standard_output_failure() -> Option<io::ErrorKind> {
         let _ = FAILURE.set(problem.kind());
     }
     FAILURE.get().copied().filter(|kind| *kind != io::ErrorKind::BrokenPipe)
+}
+
+/// The exit code of a program: that of what it has done, but success where whoever read its output went
+/// away, and failure where standard output did not take everything. `fail` and `warn` say why.
+pub fn exit_code<E: AsRef<dyn Error + 'static>>(
+    done: Result<ExitCode, E>,
+    fail: impl FnOnce(&E) -> ExitCode,
+    warn: impl FnOnce(&str),
+) -> ExitCode {
+    let code = done.unwrap_or_else(|error| {
+        // He has seen enough of it.
+        if is_broken_pipe(error.as_ref()) { ExitCode::SUCCESS } else { fail(&error) }
+    });
+    match standard_output_failure() {
+        Some(problem) if code == ExitCode::SUCCESS => {
+            warn(&format!("standard output: {}", plainly(&problem.into())));
+            ExitCode::FAILURE
+        }
+        _ => code,
+    }
+}
+
+fn is_broken_pipe(error: &(dyn Error + 'static)) -> bool {
+    let is_it = |cause: &io::Error| cause.kind() == io::ErrorKind::BrokenPipe;
+    error.downcast_ref().is_some_and(is_it) || error.source().is_some_and(is_broken_pipe)
 }

@@ -10,7 +10,7 @@ pub mod y4m;
 use crate::readback::Picture;
 use crate::stereo::{Arrangement, arrange};
 use image::{ExtendedColorType, ImageFormat};
-use outputs::{OutputError, Outputs};
+use outputs::{OutputError, Outputs, STILLS};
 use protocol::time::Nanos;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -96,7 +96,7 @@ impl Output {
     pub fn start(config: &OutputConfig, first_tier: usize) -> anyhow::Result<Self> {
         let mut outputs = Outputs::new(config.force);
         if let Some(folder) = &config.stills {
-            outputs.claim_folder(folder)?;
+            outputs.claim_folder(folder, STILLS)?;
         }
         let [width_px, height_px] = config.video_px;
         let video_px = config.arrangement.size_px(width_px, height_px);

@@ -275,15 +275,23 @@ fn a_reader_who_leaves_ends_no_command_and_a_full_disk_is_told() {
         let line = line.replace("vitreo", &program).replace("FILE", &recording);
         Command::new("bash").args(["-c", &format!("set -o pipefail; {line}")]).output().expect("bash")
     };
-    for line in
-        ["vitreo export FILE --csv steps | true", "vitreo info FILE | true", "vitreo trace FILE 20 | true"]
-    {
+    for line in [
+        "vitreo export FILE --csv steps | true",
+        "vitreo info FILE | true",
+        "vitreo trace FILE 20 | true",
+        "vitreo hardware | true",
+        "vitreo colours show | true",
+    ] {
         let done = shell(line);
         assert!(done.status.success() && done.stderr.is_empty(), "{line}: {done:?}");
     }
-    for line in
-        ["vitreo info FILE > /dev/full", "vitreo modules > /dev/full", "vitreo score --doc > /dev/full"]
-    {
+    for line in [
+        "vitreo info FILE > /dev/full",
+        "vitreo modules > /dev/full",
+        "vitreo score --doc > /dev/full",
+        "vitreo hardware > /dev/full",
+        "vitreo colours show > /dev/full",
+    ] {
         let (done, told) = (shell(line), "the disk is full");
         assert_eq!(done.status.code(), Some(1), "{line}: {done:?}");
         assert!(String::from_utf8_lossy(&done.stderr).contains(told), "{line}: {done:?}");

@@ -3,7 +3,7 @@
 use crate::hardware::{Clocks, Resource, clocks, resources};
 use crate::scan::limits::{CAMERA, Limits, PICTURE, PIXEL_CLOCK_HZ};
 use anyhow::Result;
-use std::io::Write;
+use outputs::{print, println};
 
 /// Which set of tables.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -49,12 +49,11 @@ impl HardwareArgs {
 pub fn run(args: &HardwareArgs) -> Result<()> {
     let limits = args.limits();
     let (resources, clocks) = (resources(&limits), clocks(&limits));
-    let mut out = std::io::stdout().lock();
     if args.json {
         let all = serde_json::json!({ "resources": resources, "clocks": clocks });
-        writeln!(out, "{all}")?;
+        println!("{all}");
     } else {
-        out.write_all(text(&limits, &resources, &clocks).as_bytes())?;
+        print!("{}", text(&limits, &resources, &clocks));
     }
     Ok(())
 }

@@ -8,7 +8,7 @@ use crate::inputs::{check_file, check_folder};
 use crate::modules::Composed;
 use crate::results::{Place, seconds_since_1970};
 use anyhow::Context;
-use outputs::{Force, Outputs, numbered, video_file};
+use outputs::{Force, Outputs, STILLS, numbered, video_file};
 use protocol::budget::{Budgets, Stage};
 use protocol::file::{MAX_SETTINGS_BYTES, read_text};
 use protocol::health::Process;
@@ -390,7 +390,7 @@ impl RunArgs {
         for file in [&self.record, &self.report, &self.video, &self.fault_log].into_iter().flatten() {
             outputs.claim(file)?;
         }
-        self.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder))?;
+        self.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder, STILLS))?;
         Ok(outputs)
     }
 }

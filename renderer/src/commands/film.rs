@@ -4,7 +4,7 @@
 
 use anyhow::{Context, Result};
 use image::codecs::jpeg::JpegEncoder;
-use outputs::{Force, Outputs};
+use outputs::{FILM_STILLS, Force, Outputs};
 use protocol::rig::Rig;
 use protocol::scene_stream::{Reader, StreamedScene};
 use renderer::assets::Assets;
@@ -93,7 +93,7 @@ struct Film<'a> {
 impl<'a> Film<'a> {
     fn begin(args: &'a FilmArgs) -> Result<Self> {
         let mut outputs = Outputs::new(args.force.force);
-        args.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder))?;
+        args.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder, FILM_STILLS))?;
         let scene = SceneFile::load(&args.scene)?;
         let assets = Assets::load(&args.fundus, None)?;
         let rig = Rig::load_or_shipped(args.rig.as_deref()).context("--rig")?;

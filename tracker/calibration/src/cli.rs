@@ -10,7 +10,7 @@ use crate::residual_plot::residual_picture;
 use crate::target_problem::{Residual, Robustness};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use ipc::logging::{LogArgs, inform};
-use outputs::{Force, Outputs, print, println};
+use outputs::{Force, Names, Outputs, print, println};
 use protocol::camera::Camera;
 use settings::{Program, SettingsArgs};
 use std::io::IsTerminal;
@@ -89,6 +89,9 @@ pub struct OutputArgs {
     pub force: Force,
 }
 
+/// Pictures of residuals.
+const RESIDUALS: Names = &[["residuals_cam", ".png"]];
+
 /// How to solve.
 #[derive(Debug, Clone, clap::Args)]
 pub struct SolveArgs {
@@ -164,7 +167,7 @@ impl OutputArgs {
     fn claim(&self, inputs: &[&PathBuf]) -> anyhow::Result<()> {
         let mut outputs = Outputs::new(self.force.force).reading_all(inputs);
         self.output.as_deref().map_or(Ok(()), |file| outputs.claim(file))?;
-        Ok(self.residuals.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder))?)
+        Ok(self.residuals.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder, RESIDUALS))?)
     }
 
     /// Prints the report and draws the residuals.

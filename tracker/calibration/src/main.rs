@@ -9,5 +9,5 @@ fn main() -> ExitCode {
         Err((problem, log)) => return ipc::logging::wrong_use("calibration", &log, &problem),
     };
     ipc::logging::init("calibration", &args.log);
-    cli::run(&args).unwrap_or_else(|error| ipc::logging::fail(error.as_ref()))
+    outputs::exit_code(cli::run(&args), |error| ipc::logging::fail(error.as_ref()), ipc::logging::warn)
 }

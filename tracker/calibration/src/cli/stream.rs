@@ -211,7 +211,10 @@ fn waved_report(rig: &Rig, found: &SelfCalibration, drifted: bool) -> Report {
 pub fn drift(args: &DriftArgs) -> anyhow::Result<ExitCode> {
     let (rig, instants) = args.from.load(&args.stream)?;
     let found = drift_check::check(&rig, &instants, args.limit_px)?;
-    args.output.print(&drift_report(&rig, &found, args.limit_px), &[], &[])?;
+    let report = drift_report(&rig, &found, args.limit_px);
+    args.output.print(&report, &[], &[])?;
+    // The rig stays as it is; the result is what was found of it.
+    args.output.write(&report.to_json().to_string())?;
     let shifted = rig.cameras.iter().zip(&found.cameras).filter(|(_, c)| c.drifted);
     for (camera, shift) in shifted {
         warn(&format!(
