@@ -4,9 +4,9 @@ use crate::exit::BUDGET;
 use crate::run::{Judged, Load, NO_LOAD};
 use anyhow::{Context, ensure};
 use outputs::println;
+use protocol::file::{MAX_TABLE_BYTES, read_text};
 use serde::Deserialize;
 use std::collections::BTreeMap;
-use std::fs::read_to_string;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -74,7 +74,7 @@ enum Verdict {
 
 impl Report {
     fn read(file: &Path) -> anyhow::Result<Self> {
-        let text = read_to_string(file).with_context(|| format!("{}", file.display()))?;
+        let text = read_text(file, MAX_TABLE_BYTES).with_context(|| format!("{}", file.display()))?;
         let report: Report = serde_json::from_str(&text)
             .with_context(|| format!("{}: expected a report of vitreo run", file.display()))?;
         let judged = report.stages.iter().any(|s| s.is_judged());

@@ -3,13 +3,43 @@
 //! Whatever a person names may be a device without an end, a recording, or the wrong file.
 
 use std::fs::File;
-use std::io::{Error, ErrorKind, Read, Result};
+use std::io::{BufRead, BufReader, Error, ErrorKind, Read, Result};
+use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
+use std::sync::mpsc;
+use std::time::Duration;
 
 /// Settings: rigs, modules, colours, budgets, faults, inputs of a desk, bytes.
 pub const MAX_SETTINGS_BYTES: u64 = 1 << 20;
 /// Lists and tables, and scenes with a mesh of their own, bytes.
 pub const MAX_TABLE_BYTES: u64 = 64 << 20;
+
+/// How long a named pipe may be without anything written to it.
+const WRITER_PATIENCE: Duration = Duration::from_secs(5);
+
+/// Opens a file to be read. A named pipe is waited for until somebody writes to it, 5 s at most: opening
+/// it would wait without end, and no signal would end that.
+///
+/// # Errors
+/// Where it cannot be opened, or is a pipe to which nobody writes.
+pub fn open(path: &Path) -> Result<BufReader<File>> {
+    if !path.metadata()?.file_type().is_fifo() {
+        return File::open(path).map(BufReader::new);
+    }
+    let (done, opened) = mpsc::channel();
+    let pipe = path.to_path_buf();
+    let first = move || {
+        let mut reader = BufReader::new(File::open(pipe)?);
+        reader.fill_buf()?;
+        Ok(reader)
+    };
+    // It stays behind where nobody writes, and ends with the program.
+    std::thread::Builder::new().name("pipe".into()).spawn(move || done.send(first()))?;
+    opened.recv_timeout(WRITER_PATIENCE).unwrap_or_else(|_| {
+        let patience = WRITER_PATIENCE.as_secs();
+        Err(Error::other(format!("a pipe to which nobody has written for {patience} s")))
+    })
+}
 
 /// A file's bytes.
 ///
@@ -18,7 +48,7 @@ pub const MAX_TABLE_BYTES: u64 = 64 << 20;
 /// the caller's to add.
 pub fn read_bytes(path: &Path, limit: u64) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    File::open(path)?.take(limit + 1).read_to_end(&mut bytes)?;
+    open(path)?.take(limit + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > limit {
         let expected = if limit.is_multiple_of(1 << 20) {
             format!("{} MiB", limit >> 20)
@@ -145,6 +175,25 @@ mod tests {
         std::fs::write(file.path(), "twelve bytes").unwrap();
         assert_eq!(read_text(file.path(), 12).unwrap(), "twelve bytes");
         assert!(read_text(file.path(), 11).is_err());
+    }
+
+    #[test]
+    fn a_pipe_to_which_nobody_writes_is_refused_and_one_with_a_writer_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = |name: &str| {
+            let pipe = folder.path().join(name);
+            assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+            pipe
+        };
+        let error = read_text(&pipe("idle"), MAX_SETTINGS_BYTES).unwrap_err();
+        assert_eq!(error.to_string(), "a pipe to which nobody has written for 5 s");
+        let (path, text) = (pipe("written"), "a rig".repeat(90_000));
+        let writer = std::thread::spawn({
+            let (path, text) = (path.clone(), text.clone());
+            move || std::fs::write(path, text).unwrap()
+        });
+        assert!(read_text(&path, MAX_SETTINGS_BYTES).unwrap() == text, "to its end");
+        writer.join().unwrap();
     }
 
     #[test]

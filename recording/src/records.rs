@@ -45,7 +45,7 @@ impl Records {
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let file = path.display().to_string();
         let io = |problem| RecordingError::Io { file: file.clone(), problem };
-        let handle = File::open(path).map_err(io)?;
+        let handle = protocol::file::open(path).map_err(io)?.into_inner();
         let length = handle.metadata().map_err(io)?.len();
         let mut reader = BufReader::with_capacity(256 << 10, handle);
         let mut magic = [0; MAGIC.len()];

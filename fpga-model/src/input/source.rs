@@ -15,7 +15,6 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use blob_stream::{FieldHead, HeadReader};
 use protocol::limits::{FIELD_PERIOD_NS, MAX_CAMERAS};
 use std::collections::VecDeque;
-use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
@@ -269,7 +268,7 @@ fn open(path: &Path) -> Result<Input> {
     if path.as_os_str() == STDIN {
         return Ok(Box::new(BufReader::new(std::io::stdin())));
     }
-    let opened = File::open(path).map_err(|e| anyhow!("{}: {e}", path.display()))?;
+    let opened = protocol::file::open(path).map_err(|e| anyhow!("{}: {e}", path.display()))?;
     Ok(Box::new(BufReader::with_capacity(1 << 16, opened)))
 }
 

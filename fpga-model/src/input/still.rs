@@ -9,8 +9,7 @@ use crate::colours::convert::{GREY, luma_of_full, ycc_of_rgb};
 use anyhow::{Result, anyhow, ensure};
 use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
 use protocol::contain::contain;
-use std::fs::File;
-use std::io::{BufRead, BufReader, Seek};
+use std::io::{BufRead, Seek};
 use std::path::Path;
 
 /// Memory limit of a decoder, bytes: the largest picture with 4 samples of 16 bits, and half as
@@ -73,8 +72,8 @@ impl Levels {
 /// # Errors
 /// A file that cannot be opened, is no PNG or JPEG, is damaged, or exceeds the limits of size.
 pub fn read(path: &Path, levels: Option<Levels>, into: &mut Picture) -> Result<()> {
-    let opened = File::open(path).map_err(anyhow::Error::from);
-    let decoded = opened.and_then(|file| decode(BufReader::new(file), levels, into));
+    let opened = protocol::file::open(path).map_err(anyhow::Error::from);
+    let decoded = opened.and_then(|file| decode(file, levels, into));
     decoded.map_err(|problem| anyhow!("{}: {problem}", path.display()))
 }
 

@@ -10,6 +10,7 @@
 use bytemuck::Zeroable;
 use protocol::blobs::{Blob, BlobField, Colour, DEFAULT_VARIANCE_PX2};
 use protocol::file::looks_like;
+use protocol::file::open;
 use protocol::limits::MAX_CAMERAS;
 use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
@@ -278,9 +279,8 @@ impl<T> LineReader<T> {
         parse: fn(&str, &str, u64) -> Result<T, BlobStreamError>,
     ) -> Result<Self, BlobStreamError> {
         let file = path.display().to_string();
-        let opened =
-            File::open(path).map_err(|source| BlobStreamError::Read { file: file.clone(), source })?;
-        let lines = BufReader::new(opened);
+        let opened = open(path).map_err(|source| BlobStreamError::Read { file: file.clone(), source })?;
+        let lines = opened;
         Ok(LineReader { file, lines, text: String::new(), line_no: 0, ended: false, parse })
     }
 
