@@ -5,10 +5,13 @@ use crate::toml_file::{Entry, read};
 use protocol::file::{MAX_SETTINGS_BYTES, read_text};
 use std::ffi::OsString;
 use std::io::ErrorKind;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 /// Name of a file of settings.
 pub const NAME: &str = "vitreo.toml";
+/// Number of the user who may do everything anyway.
+const ROOT: u32 = 0;
 /// The folder of the one for all users of a machine.
 const SYSTEM: &str = "/etc/vitreo";
 
@@ -19,12 +22,17 @@ pub struct Files {
     pub paths: Vec<PathBuf>,
     /// Whether the variable of logging is set.
     pub log_variable: bool,
+    /// Why the last one, that of the folder, is not read.
+    pub passed_over: Option<String>,
 }
 
 impl Files {
     /// Those of this machine, this user and this folder.
     pub fn of_this_machine() -> Self {
-        Files::from_variables(|name| std::env::var_os(name))
+        let found = Files::from_variables(|name| std::env::var_os(name));
+        let passed_over =
+            found.paths.last().and_then(|path| strange(path, rustix::process::geteuid().as_raw()));
+        Files { passed_over, ..found }
     }
 
     fn from_variables(variable: impl Fn(&str) -> Option<OsString>) -> Self {
@@ -33,7 +41,7 @@ impl Files {
         let paths = [Some(PathBuf::from(SYSTEM)), own.map(|f| f.join("vitreo")), Some(PathBuf::from("."))];
         let paths = paths.into_iter().flatten().map(|folder| folder.join(NAME)).collect();
         let log_variable = variable(crate::LOG_VARIABLE).is_some_and(|text| !text.is_empty());
-        Files { paths, log_variable }
+        Files { paths, log_variable, passed_over: None }
     }
 
     /// The user's own file: between the machine's and the folder's. `None` without a home.
@@ -50,7 +58,8 @@ impl Files {
     /// Where one cannot be read, or is no TOML of this form.
     pub fn entries(&self) -> Result<Vec<Entry>, Problem> {
         let mut entries = Vec::new();
-        for (number, path) in self.paths.iter().enumerate() {
+        let read_here = self.paths.len() - usize::from(self.passed_over.is_some());
+        for (number, path) in self.paths.iter().take(read_here).enumerate() {
             let file = path.display().to_string();
             match read_text(path, MAX_SETTINGS_BYTES) {
                 Ok(text) => entries.extend(read(&text, &file, number)?),
@@ -60,6 +69,18 @@ impl Files {
         }
         Ok(entries)
     }
+}
+
+/// Why a file in a folder where one happens to work is not to be trusted by the user of number `own`: it
+/// is somebody else's, or others may write to it.
+fn strange(path: &Path, own: u32) -> Option<String> {
+    let found = path.metadata().ok()?;
+    let why = match (found.uid(), found.mode() & 0o7777) {
+        (owner, _) if owner != own && owner != ROOT => format!("it belongs to user {owner}"),
+        (_, mode) if mode & 0o002 != 0 => format!("other users may write to it (mode {mode:04o})"),
+        _ => return None,
+    };
+    Some(format!("{}: not read: {why}", path.display()))
 }
 
 fn is_absent(kind: ErrorKind) -> bool {
@@ -88,9 +109,38 @@ mod tests {
     }
 
     #[test]
+    fn a_file_of_another_user_or_one_that_others_may_write_is_not_read() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(NAME);
+        let own = folder.path().metadata().unwrap().uid();
+        assert_eq!(strange(&path, own), None, "there is none");
+        std::fs::write(&path, "[run]\nlevel = 2\n").unwrap();
+        for (mode, told) in
+            [(0o644, None), (0o600, None), (0o666, Some("(mode 0666)")), (0o602, Some("0602"))]
+        {
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).unwrap();
+            let found = strange(&path, own);
+            assert_eq!(found.is_some(), told.is_some(), "{mode:o}: {found:?}");
+            assert!(found.unwrap_or_default().contains(told.unwrap_or_default()));
+        }
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o644)).unwrap();
+        if own != ROOT {
+            let told = strange(&path, own + 1).unwrap();
+            assert!(told.ends_with(&format!("vitreo.toml: not read: it belongs to user {own}")), "{told}");
+        }
+        std::os::unix::fs::chown(&path, Some(own.max(1)), None).unwrap();
+        assert!(strange(&path, own.max(1) + 1).unwrap().contains("it belongs to user"));
+        let mut files = Files { paths: vec![path], ..Files::default() };
+        assert_eq!(files.entries().unwrap().len(), 1);
+        files.passed_over = Some("not read".into());
+        assert_eq!(files.entries().unwrap(), []);
+    }
+
+    #[test]
     fn what_is_absent_says_nothing_and_what_cannot_be_read_is_told() {
         let folder = tempfile::tempdir().unwrap();
-        let files = |path: PathBuf| Files { paths: vec![path], log_variable: false };
+        let files = |path: PathBuf| Files { paths: vec![path], ..Files::default() };
         assert_eq!(files(folder.path().join("none/x.toml")).entries().unwrap(), []);
         let refused = files(folder.path().into()).entries().unwrap_err();
         assert!(refused.to_string().starts_with(&folder.path().display().to_string()), "{refused}");

@@ -17,6 +17,7 @@ pub mod toml_file;
 
 use clap::{ArgMatches, FromArgMatches, Parser};
 use std::ffi::OsString;
+use std::io::Write;
 
 /// What vitreo.toml says to one program.
 #[derive(Debug, Clone, Copy)]
@@ -89,6 +90,11 @@ pub fn parse<P: Parser, L: FromArgMatches + Default>(program: &Program) -> Resul
         std::process::exit(0);
     }
     let found = files::Files::of_this_machine();
+    let without = words.iter().any(|w| w.to_str() == Some(&format!("--{NO_CONFIG}")));
+    if let Some(told) = found.passed_over.as_ref().filter(|_| !without) {
+        // Before logging begins; a closed standard error is no reason to fail.
+        let _ = writeln!(std::io::stderr(), "vitreo: {told}");
+    }
     match apply::matches(P::command(), program, &found, words).map(|mut m| P::from_arg_matches_mut(&mut m)) {
         Ok(Ok(parsed)) => Ok(parsed),
         Ok(Err(error)) => error.format(&mut P::command()).exit(),

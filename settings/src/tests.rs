@@ -89,7 +89,7 @@ fn files(texts: &[&str]) -> Scratch {
         path
     };
     let paths = texts.iter().enumerate().map(place).collect();
-    Scratch { _folder: folder, files: Files { paths, log_variable: false } }
+    Scratch { _folder: folder, files: Files { paths, ..Files::default() } }
 }
 
 fn parse(files: &Files, words: &[&str]) -> Result<Cli, Refusal> {

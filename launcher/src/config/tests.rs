@@ -11,7 +11,7 @@ use std::path::Path;
 fn files(folder: &Path, text: &str) -> Files {
     let path = folder.join("vitreo.toml");
     std::fs::write(&path, text).unwrap();
-    Files { paths: vec![path], log_variable: false }
+    Files { paths: vec![path], ..Files::default() }
 }
 
 /// A value that an option takes, as TOML writes it: of those that are right for some option.
