@@ -72,7 +72,10 @@ pub fn run(args: &RecoverArgs) -> anyhow::Result<ExitCode> {
 /// Copies what can be read; returns what was written, and the problems with their places.
 fn copy(recording: &Recording, output: &GrowingFile) -> anyhow::Result<(Tally, u64)> {
     let mut writer = Writer::on(output.handle()?, output.path(), recording.provenance())?;
-    let (mut tally, mut problems, mut last) = (Tally::default(), 0, 0);
+    let (mut tally, mut problems) = (Tally::default(), 0);
+    // Instant of the last item; before the first one notes of losses wait for it: a recording does not
+    // begin at the machine's boot.
+    let (mut last, mut early) = (None, Vec::new());
     let bar = bytes_bar(recording.bytes(), "recover");
     let mut items = recording.items();
     let mut put = |log_time: Nanos, item: &Item| -> Result<(), RecordingError> {
@@ -82,26 +85,35 @@ fn copy(recording: &Recording, output: &GrowingFile) -> anyhow::Result<(Tally, u
     if let Some(doubt) = recording.doubt() {
         warn(&format!("{doubt}; they are taken as they are"));
         problems += 1;
-        put(last, &Item::Note(Note::loss(last, 0, format!("recovered: {doubt}"))))?;
+        early.push(format!("recovered: {doubt}"));
     }
     while let Some(item) = items.next() {
         match item {
             Ok((log_time, item)) => {
+                for text in early.drain(..) {
+                    put(log_time, &Item::Note(Note::loss(log_time, 0, text)))?;
+                }
                 put(log_time, &item)?;
-                last = log_time;
+                last = Some(log_time);
             }
             Err(error) => {
                 warn(&format!("{error}"));
                 problems += 1;
                 let text = format!("recovered: {error}");
-                put(last, &Item::Note(Note::loss(last, 0, text)))?;
+                match last {
+                    Some(at) => put(at, &Item::Note(Note::loss(at, 0, text)))?,
+                    None => early.push(text),
+                }
             }
         }
         bar.set_position(items.bytes_read());
     }
     if problems == 0 && !recording.is_finished() {
-        let text = "recovered: the recorder ended without closing the file".into();
-        put(last, &Item::Note(Note::loss(last, 0, text)))?;
+        early.push("recovered: the recorder ended without closing the file".into());
+    }
+    let at = last.unwrap_or(0);
+    for text in early {
+        put(at, &Item::Note(Note::loss(at, 0, text)))?;
     }
     bar.finish_and_clear();
     writer.finish()?;
@@ -196,6 +208,31 @@ mod tests {
         let saved = counts(&output);
         let before = saved.iter().zip(&whole).take_while(|(a, b)| a == b).count();
         assert!(before > 0 && before < saved.len() && whole.ends_with(&saved[before..]), "{saved:?}");
+    }
+
+    #[test]
+    fn behind_a_damaged_beginning_it_begins_at_the_first_intact_item() {
+        let directory = tempfile::tempdir().unwrap();
+        let (file, output) = (directory.path().join("a.mcap"), directory.path().join("b.mcap"));
+        let boot_ns = 2_400_000_000_000;
+        let mut writer = Writer::create(&file, &Provenance::default()).unwrap();
+        for i in 0..200 {
+            writer.write(boot_ns + i * 10_000_000, &note(i)).unwrap();
+            writer.flush_aged(boot_ns + i * 10_000_000).unwrap();
+        }
+        writer.finish().unwrap();
+        let mut items = Recording::open(&file).unwrap().items();
+        items.next().unwrap().unwrap();
+        let mut bytes = std::fs::read(&file).unwrap();
+        bytes[items.bytes_read() as usize - 50] ^= 0x10;
+        std::fs::write(&file, bytes).unwrap();
+        let args = RecoverArgs { file, output: output.clone(), force: Force::default() };
+        assert_eq!(run(&args).unwrap(), ExitCode::from(LOSS));
+        let items: Vec<(Nanos, Item)> =
+            Recording::open(&output).unwrap().items().collect::<Result<_, _>>().unwrap();
+        assert!(items.len() > 100 && items.len() < 200, "{}", items.len());
+        assert!(matches!(&items[0].1, Item::Note(n) if n.kind == NoteKind::Loss && n.instant_ns > boot_ns));
+        assert!(items[0].0 > boot_ns && items[0].0 == items[1].0, "{}", items[0].0);
     }
 
     #[test]

@@ -107,16 +107,19 @@ impl Recording {
     }
 
     /// Instants of exposure of what is replayed: those of the tracker's frames, or of the
-    /// camera-fields of an imported stream. Damage ends them. The first is the recording's start.
+    /// camera-fields of an imported stream. The first that is intact is the recording's start; damage after
+    /// it ends them.
     pub fn exposures(&self) -> impl Iterator<Item = Nanos> + use<> {
         let topic = match self.provenance.source {
             Source::Live => "poses",
             Source::Import => "blobs",
         };
-        self.items_of(&[topic]).map_while(Result::ok).filter_map(|(_, item)| match item {
-            Item::Poses(frame) => Some(frame.instants.exposed),
-            Item::Blobs(field) => Some(field.exposed_ns),
-            _ => None,
+        self.items_of(&[topic]).skip_while(Result::is_err).map_while(Result::ok).filter_map(|(_, item)| {
+            match item {
+                Item::Poses(frame) => Some(frame.instants.exposed),
+                Item::Blobs(field) => Some(field.exposed_ns),
+                _ => None,
+            }
         })
     }
 }

@@ -86,6 +86,9 @@ impl<W: Write> Pictures<'_, W> {
             self.blocks.forget();
         }
         let exposed = again.step.instants.exposed;
+        if self.shown.is_none() {
+            self.next = first_picture(self.next, exposed);
+        }
         let stands_ns = exposed.min(self.end).saturating_sub(self.next);
         ensure!(
             self.shown.is_none() || stands_ns <= LONGEST_STAND_NS,
@@ -115,6 +118,13 @@ impl<W: Write> Pictures<'_, W> {
         self.next += PICTURE_NS;
         Ok(())
     }
+}
+
+/// Instant of the first picture that a film can show, which was to begin at `next` and whose first step was
+/// exposed at `exposed`: no scene stands for what comes before.
+fn first_picture(next: Nanos, exposed: Nanos) -> Nanos {
+    let missing = exposed.saturating_sub(next.saturating_add(NEAR_NS)).div_ceil(PICTURE_NS);
+    next.saturating_add(missing.saturating_mul(PICTURE_NS))
 }
 
 #[cfg(test)]
@@ -210,6 +220,18 @@ mod tests {
         let stands = steps.iter().filter(|s| **s == steps[9]).count();
         assert!(steps.is_sorted() && (11..15).contains(&stands), "{steps:?}");
         assert!((12..=13).contains(&(steps.len() - usual)), "half a second more: {steps:?}");
+    }
+
+    #[test]
+    fn a_film_whose_beginning_is_missing_begins_with_its_first_step() {
+        assert_eq!(first_picture(100, 100), 100);
+        assert_eq!(first_picture(100, 100 + NEAR_NS), 100, "the picture that shows it");
+        assert_eq!(first_picture(5 * PICTURE_NS, PICTURE_NS), 5 * PICTURE_NS, "it is yet to come");
+        for exposed in [2_416_000_000_123, 2_416_000_000_000, PICTURE_NS + NEAR_NS + 1] {
+            let first = first_picture(0, exposed);
+            assert!(first % PICTURE_NS == 0 && first + NEAR_NS >= exposed && first < exposed + PICTURE_NS);
+        }
+        first_picture(0, Nanos::MAX);
     }
 
     #[test]
