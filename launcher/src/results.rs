@@ -6,7 +6,7 @@ use ipc::logging::{inform, warn};
 use outputs::{Force, Outputs, print, println, save};
 use recording::Recording;
 use results::attempt::sha256_of;
-use results::store::{Filter, NamedRecording, default_place};
+use results::store::{Filter, NamedRecording, Reading, default_place};
 use results::table::{Keys, Table};
 use results::{Attempt, Points, Store, Stored, curve, parquet_file, plot, terminal};
 use std::path::{Path, PathBuf};
@@ -175,15 +175,52 @@ pub fn keep(store: &mut Store, trainee: &str, file: &Path) -> anyhow::Result<()>
         bail!("{}: the attempt was not begun and is not kept", file.display());
     }
     let mut attempt = attempt_of(&Recording::open(file)?, &scored);
-    attempt.recording_sha256 = Some(sha256_of(file).with_context(|| file.display().to_string())?);
+    let sha256 = sha256_of(file).with_context(|| file.display().to_string())?;
+    check_holders(&store.holders(&sha256)?, trainee, &attempt, file)?;
+    attempt.recording_sha256 = Some(sha256);
     match store.add(trainee, &attempt)? {
         Some(id) => {
             let end = ending(&attempt).map_or(String::new(), |end| format!(", {end}"));
             inform(&format!("kept as attempt {id} of {trainee}: {:.2} points{end}", attempt.total));
         }
-        None => inform(&format!("{}: {trainee} has this attempt already", file.display())),
+        None => warn(&format!("{}: {trainee} has this attempt already; nothing was added", file.display())),
     }
     Ok(())
+}
+
+/// Refuses a recording that is another trainee's attempt: nobody else made it. One that the trainee has
+/// with an older score is kept anew, and that is said.
+fn check_holders(
+    holders: &[(String, i64, u32)],
+    trainee: &str,
+    attempt: &Attempt,
+    file: &Path,
+) -> anyhow::Result<()> {
+    let file = file.display();
+    if let Some((other, id, _)) = holders.iter().find(|(holder, ..)| holder != trainee) {
+        bail!(
+            "{file}: this recording is attempt {id} of {other}; vitreo results delete {other} --attempt {id} takes it from there"
+        );
+    }
+    for (_, id, version) in holders.iter().filter(|(.., version)| *version != attempt.score_version) {
+        warn(&format!("{file}: is attempt {id} of {trainee} by version {version} of the score, too"));
+    }
+    Ok(())
+}
+
+/// Opens a store, or makes one where `make` says so; says what that has changed. The default folder is
+/// the store's alone, and is closed to other users with it.
+///
+/// # Errors
+/// Where there is no such store, or it cannot be used.
+pub fn open(place: &Place, make: bool) -> anyhow::Result<Store> {
+    let path = place.path()?;
+    let store = if make { Store::open_or_create(&path)? } else { Store::open(&path)? };
+    store.notices().iter().for_each(|notice| inform(notice));
+    if place.store.is_none() {
+        path.parent().and_then(results::store::mend_folder).iter().for_each(|notice| inform(notice));
+    }
+    Ok(store)
 }
 
 /// How an attempt ended, where it did not end well.
@@ -210,7 +247,7 @@ pub fn run(args: &ResultsArgs) -> anyhow::Result<ExitCode> {
             delete(place, trainee, *attempt, *recordings)
         }
         Some(What::Trainees { place }) => {
-            for (name, attempts) in Store::open(&place.path()?)?.trainees()? {
+            for (name, attempts) in open(place, false)?.trainees()? {
                 println!("{name:<24} {attempts:>6} attempts");
             }
             Ok(ExitCode::SUCCESS)
@@ -220,7 +257,7 @@ pub fn run(args: &ResultsArgs) -> anyhow::Result<ExitCode> {
 
 fn add(place: &Place, trainee: &str, files: &[PathBuf]) -> anyhow::Result<ExitCode> {
     results::store::check_name(trainee)?;
-    let mut store = Store::open_or_create(&place.path()?)?;
+    let mut store = open(place, true)?;
     let mut code = 0;
     for file in files {
         if let Err(problem) = keep(&mut store, trainee, file) {
@@ -241,7 +278,7 @@ fn delete(
     with_recordings: bool,
 ) -> anyhow::Result<ExitCode> {
     let path = place.path()?;
-    let mut store = Store::open(&path)?;
+    let mut store = open(place, false)?;
     check_trainee(&store, &path, trainee)?;
     let recordings = match attempt {
         Some(id) => {
@@ -307,9 +344,9 @@ fn show(args: &ResultsArgs) -> anyhow::Result<ExitCode> {
     for file in plot.into_iter().chain(args.csv.as_deref()).chain(args.parquet.as_deref()) {
         outputs.claim(file)?;
     }
-    let store = Store::open(&place)?;
+    let store = open(&args.place, false)?;
     trainee.as_deref().map_or(Ok(()), |name| check_trainee(&store, &place, name))?;
-    let attempts = store.attempts(&Filter { trainee, module, level: args.level })?;
+    let Reading { attempts, damage } = store.read(&Filter { trainee, module, level: args.level })?;
     let told = [args.plot.is_some(), args.csv.is_some(), args.parquet.is_some()].contains(&true);
     if !told {
         print!("{}", list(&attempts));
@@ -321,7 +358,8 @@ fn show(args: &ResultsArgs) -> anyhow::Result<ExitCode> {
         let table = Table::of_store(&attempts, keys());
         write_tables(&table, &mut outputs, args.csv.as_deref(), args.parquet.as_deref())?;
     }
-    Ok(ExitCode::SUCCESS)
+    damage.iter().for_each(|damaged| warn(&format!("left out: {damaged}")));
+    Ok(if damage.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(crate::exit::LOSS) })
 }
 
 fn draw(attempts: &[Stored], outputs: &mut Outputs, file: &Path) -> anyhow::Result<()> {
@@ -396,98 +434,4 @@ fn list(attempts: &[Stored]) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use clap::Parser;
-
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        results: ResultsArgs,
-    }
-
-    fn parse(words: &[&str]) -> Result<ResultsArgs, String> {
-        let line = Line::try_parse_from(std::iter::once(&"results").chain(words));
-        line.map(|l| l.results).map_err(|e| e.to_string())
-    }
-
-    #[test]
-    fn a_plot_goes_to_the_terminal_or_into_a_file() {
-        let plot = |words: &[&str]| parse(words).unwrap().plot;
-        assert_eq!(plot(&[]), None);
-        assert_eq!(plot(&["--plot"]), Some(TERMINAL.into()));
-        assert_eq!(plot(&["--plot", "a.png", "--module", "shadow"]), Some("a.png".into()));
-    }
-
-    #[test]
-    fn a_recording_becomes_an_attempt_and_one_not_begun_is_not_kept() {
-        let folder = tempfile::tempdir().unwrap();
-        let (file, store) = (folder.path().join("a.mcap"), folder.path().join("r.sqlite"));
-        crate::score_batch::tests::broken_off(&file);
-        let mut store = Store::open_or_create(&store).unwrap();
-        let problem = keep(&mut store, "t7", &file).unwrap_err().to_string();
-        assert!(problem.contains("a.mcap") && problem.contains("not begun"), "{problem}");
-        let attempt = attempt_of(&Recording::open(&file).unwrap(), &score::score_file(&file).unwrap());
-        assert_eq!((attempt.at_s, attempt.seed, attempt.surgeon.as_deref()), (1_032_942_600, Some(42), None));
-        assert_eq!(attempt.categories.iter().map(|c| c.of).sum::<f64>(), 100.0);
-        store.add("t7", &attempt).unwrap();
-        let kept = store.attempts(&Filter::default()).unwrap();
-        assert_eq!(kept[0].attempt, attempt);
-        let table = Table::of_store(&kept, keys());
-        let mut fresh = keys();
-        fresh.widen(&attempt);
-        assert_eq!(fresh, keys(), "the table has a column for everything that this build scores");
-        assert!(table.columns.iter().any(|c| c.name == "value_speed_near_retina"));
-    }
-
-    #[test]
-    fn deleting_needs_a_name() {
-        assert!(parse(&["delete"]).is_err() && parse(&["delete", "t7", "--store", "s"]).is_ok());
-        assert!(
-            parse(&["--module", "shadow", "delete", "t7"]).is_err(),
-            "filters do not choose what is deleted"
-        );
-    }
-
-    #[test]
-    fn a_trainee_or_attempt_that_is_not_there_is_refused_by_name() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("r.sqlite");
-        let store = path.display().to_string();
-        let id = Store::open_or_create(&path).unwrap().add("t7", &Attempt::default()).unwrap().unwrap();
-        let refused = |words: &[&str]| {
-            let words = [words, &["--store", &store]].concat();
-            format!("{:#}", run(&parse(&words).unwrap()).unwrap_err())
-        };
-        for words in [&["--trainee", "t9"][..], &["--trainee", "t9", "--csv", "-"], &["delete", "t9"]] {
-            let problem = refused(words);
-            assert!(problem.contains("no trainee 't9'") && problem.contains("t7 are in it"), "{problem}");
-        }
-        let missing = refused(&["delete", "t7", "--attempt", "99"]);
-        assert!(missing.contains("t7 has no attempt 99"), "{missing}");
-        run(&parse(&["delete", "t7", "--attempt", &id.to_string(), "--store", &store]).unwrap()).unwrap();
-        assert_eq!(Store::open(&path).unwrap().trainees().unwrap(), [("t7".into(), 0)]);
-    }
-
-    #[test]
-    fn a_list_shows_what_was_not_finished() {
-        let attempt =
-            Attempt { module: "shadow".into(), level: 2, total: 40.0, took_s: 9.5, ..Attempt::default() };
-        let stored =
-            |attempt| Stored { id: 3, trainee: "t7".into(), at: "2002-09-25T08:30:00Z".into(), attempt };
-        let broken = Attempt { broken_off: true, ..attempt.clone() };
-        let surgeon = Some("expert".to_owned());
-        let failed =
-            Attempt { failed: Some("lens contact".into()), finished: true, surgeon, ..attempt.clone() };
-        let text = list(&[stored(attempt), stored(broken), stored(failed)]);
-        assert!(
-            text.contains("  broken off\n") && text.contains("  failed: lens contact  (script: expert)\n"),
-            "{text}"
-        );
-        assert!(
-            text.contains("t7") && text.contains("40.00 ± 0.00") && text.contains("not finished"),
-            "{text}"
-        );
-        assert_eq!(list(&[]), "0 attempts\n");
-    }
-}
+mod tests;

@@ -50,7 +50,6 @@ use protocol::rig::Rig;
 use protocol::steps::STATE_HASH_VERSION;
 use recording::{Provenance, STATE_HASH, TRACKER, TRACKER_VERSION};
 use report::{Report, Versions};
-use results::Store;
 use scene::{DEFAULT_SCENE, SceneFile};
 use session::{Attempt, Session};
 use std::collections::BTreeMap;
@@ -110,7 +109,7 @@ fn attempt_text(attempt: &Attempt, attempts: usize) -> String {
 /// Keeps the attempts in the results store, those broken off too. One that was not begun is left
 /// out; where it is the only one that is an error.
 fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Result<()> {
-    let mut store = Store::open_or_create(&args.store.path()?)?;
+    let mut store = crate::results::open(&args.store, true)?;
     let person = args.desk.is_some() || args.cameras.is_some();
     let open_end = args.stay || person || attempts.len() > 1;
     for attempt in attempts {

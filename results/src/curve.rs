@@ -5,7 +5,9 @@ use crate::attempt::Stored;
 /// A curve.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Curve {
-    /// Trainee, module and level.
+    /// The module; scores of different ones are not to be compared.
+    pub module: String,
+    /// Trainee and level.
     pub label: String,
     /// Points of 100 and their deviation, in the order of the attempts.
     pub scores: Vec<(f64, f64)>,
@@ -19,16 +21,21 @@ pub fn curves(attempts: &[Stored]) -> (Vec<Curve>, usize) {
     let mut curves: Vec<Curve> = Vec::new();
     let comparable = attempts.iter().filter(|s| s.attempt.score_version == newest && !s.attempt.broken_off);
     for Stored { trainee, attempt, .. } in comparable {
-        let label = format!("{trainee} {} {}", attempt.module, attempt.level);
-        let place = curves.iter().position(|c| c.label == label).unwrap_or_else(|| {
-            curves.push(Curve { label, scores: Vec::new() });
+        let (module, label) = (attempt.module.clone(), format!("{trainee}, level {}", attempt.level));
+        let place = curves.iter().position(|c| c.module == module && c.label == label).unwrap_or_else(|| {
+            curves.push(Curve { module, label, scores: Vec::new() });
             curves.len() - 1
         });
         curves[place].scores.push((attempt.total, attempt.sigma));
     }
-    curves.sort_by(|a, b| a.label.cmp(&b.label));
+    curves.sort_by(|a, b| (&a.module, &a.label).cmp(&(&b.module, &b.label)));
     let shown: usize = curves.iter().map(|c| c.scores.len()).sum();
     (curves, attempts.len() - shown)
+}
+
+/// The curves of each module, which are drawn together; `curves` must be in the order of [`curves`].
+pub fn by_module(curves: &[Curve]) -> impl Iterator<Item = &[Curve]> {
+    curves.chunk_by(|a, b| a.module == b.module)
 }
 
 /// Attempts of the longest curve.
@@ -66,8 +73,12 @@ pub(crate) mod tests {
             broken_off,
         ];
         let (curves, left_out) = curves(&all);
-        let labels: Vec<_> = curves.iter().map(|c| (c.label.as_str(), c.scores.len())).collect();
-        assert_eq!(labels, [("a forceps 1", 1), ("a shadow 1", 2), ("b shadow 1", 1)]);
+        let of = |c: &Curve| (c.module.clone(), c.label.clone(), c.scores.len());
+        let expected =
+            [("forceps", "a, level 1", 1), ("shadow", "a, level 1", 2), ("shadow", "b, level 1", 1)];
+        let expected = expected.map(|(module, label, count)| (module.into(), label.into(), count));
+        assert_eq!(curves.iter().map(of).collect::<Vec<_>>(), expected);
+        assert_eq!(by_module(&curves).map(<[Curve]>::len).collect::<Vec<_>>(), [1, 2]);
         assert_eq!((curves[1].scores.clone(), left_out), (vec![(30.0, 1.5), (50.0, 1.5)], 2));
         assert_eq!(longest(&curves), 2);
         assert_eq!(super::curves(&[]), (Vec::new(), 0));

@@ -1,10 +1,10 @@
 //! Learning curves as a picture.
 
-use crate::curve::{Curve, longest};
+use crate::curve::{Curve, by_module, longest};
 use font::{Face, line_px};
 use image::{Rgb, RgbImage};
 
-/// Size of the picture, px.
+/// Size of the field of a module, px; the fields of several stand below each other.
 pub const SIZE: [u32; 2] = [960, 600];
 /// The field of the plot: left, top, right, bottom, px.
 const FIELD: [f64; 4] = [70.0, 40.0, 930.0, 470.0];
@@ -27,7 +27,7 @@ const COLOURS: [Rgb<u8>; 7] = [
     Rgb([0, 0, 0]),
 ];
 
-/// A picture of the curves: a point an attempt, its deviation as a bar, joined by lines.
+/// A picture of the curves, a field for each module: a point an attempt, its deviation as a bar, joined by lines.
 pub fn png(curves: &[Curve]) -> image::ImageResult<Vec<u8>> {
     let mut bytes = std::io::Cursor::new(Vec::new());
     plot(curves).write_to(&mut bytes, image::ImageFormat::Png)?;
@@ -36,9 +36,21 @@ pub fn png(curves: &[Curve]) -> image::ImageResult<Vec<u8>> {
 
 /// As [`png`], the pixels.
 pub fn plot(curves: &[Curve]) -> RgbImage {
+    let panels: Vec<RgbImage> = by_module(curves).map(panel).collect();
+    let height = SIZE[1] * panels.len().max(1) as u32;
+    let mut picture = RgbImage::from_pixel(SIZE[0], height, PAPER);
+    for (number, panel) in panels.iter().enumerate() {
+        image::imageops::replace(&mut picture, panel, 0, i64::from(SIZE[1]) * number as i64);
+    }
+    picture
+}
+
+/// The curves of a module.
+fn panel(curves: &[Curve]) -> RgbImage {
     let mut chart = Chart { picture: RgbImage::from_pixel(SIZE[0], SIZE[1], PAPER), face: Face::new() };
     let most = longest(curves);
     chart.frame(most);
+    chart.write(FIELD[0] as i64 + 20, 12, &curves[0].module, INK);
     for (curve, colour) in curves.iter().zip(COLOURS.iter().cycle()) {
         let place = |(i, (score, _)): (usize, &(f64, f64))| [across(i, most), up(*score)];
         let points: Vec<[f64; 2]> = curve.scores.iter().enumerate().map(place).collect();
@@ -163,7 +175,11 @@ mod tests {
     use super::*;
 
     fn curve(label: &str, scores: &[f64]) -> Curve {
-        Curve { label: label.into(), scores: scores.iter().map(|s| (*s, 3.0)).collect() }
+        Curve {
+            module: "shadow".into(),
+            label: label.into(),
+            scores: scores.iter().map(|s| (*s, 3.0)).collect(),
+        }
     }
 
     #[test]
@@ -177,6 +193,18 @@ mod tests {
         assert_eq!(*picture.get_pixel(across(0, 3) as u32, 60), PAPER, "nothing above a score of 0");
         let inked = picture.pixels().filter(|p| **p == COLOURS[1]).count();
         assert_eq!(inked, 0, "one curve, one colour");
+    }
+
+    #[test]
+    fn each_module_has_a_field_of_its_own() {
+        let other = Curve { module: "forceps".into(), ..curve("a", &[20.0]) };
+        let two = [curve("a", &[0.0, 60.0]), curve("b", &[90.0])];
+        let picture = plot(&[std::slice::from_ref(&other), &two[..]].concat());
+        assert_eq!(picture.dimensions(), (SIZE[0], 2 * SIZE[1]));
+        let half = |top| image::imageops::crop_imm(&picture, 0, top, SIZE[0], SIZE[1]).to_image();
+        assert!(half(0) == plot(&[other]) && half(SIZE[1]) == plot(&two));
+        let inked = |picture: &RgbImage| picture.pixels().filter(|p| **p == COLOURS[1]).count();
+        assert!(inked(&half(0)) == 0 && inked(&half(SIZE[1])) > 80, "a colour for each trainee");
     }
 
     #[test]

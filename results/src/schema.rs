@@ -8,7 +8,7 @@ pub const APPLICATION_ID: i32 = 0x7669_7472;
 pub const VERSION: usize = STEPS.len();
 
 /// `STEPS[n]` leads from version n to n + 1; an empty file has version 0.
-pub const STEPS: [&str; 3] = [
+pub const STEPS: [&str; 4] = [
     // AUTOINCREMENT: numbers of deleted rows do not come back, so that nothing is taken for what it
     // is not.
     "CREATE TABLE trainees (
@@ -51,4 +51,6 @@ pub const STEPS: [&str; 3] = [
     // Attempts that were broken off, and what failed the others; before, only ended ones were kept.
     "ALTER TABLE attempts ADD COLUMN broken_off INTEGER NOT NULL DEFAULT 0;
      ALTER TABLE attempts ADD COLUMN failed TEXT;",
+    // A checksum of each attempt; those that are there get theirs with this step (`store/seal.rs`).
+    "ALTER TABLE attempts ADD COLUMN checksum TEXT;",
 ];

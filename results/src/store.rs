@@ -1,89 +1,32 @@
 //! The store: one SQLite file. Every change is one transaction, so that a crash leaves it as it was
-//! before.
+//! before. Every attempt carries a checksum, which is compared whenever it is read.
 
-use crate::attempt::{Attempt, Points, Stored};
+mod error;
+mod private;
+mod read;
+
+pub use error::StoreError;
+pub use private::mend_folder;
+pub use read::Reading;
+
+use crate::attempt::Attempt;
 use crate::schema::{APPLICATION_ID, STEPS, VERSION};
-use rusqlite::{Connection, ErrorCode, OptionalExtension, Row, Transaction, TransactionBehavior, params};
-use std::fs::{DirBuilder, Permissions};
-use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
+use error::store_error;
+use protocol::file::read_bytes;
+use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior, params};
+use std::fs::DirBuilder;
+use std::io::ErrorKind;
+use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// How long somebody else's change is waited for before the store counts as locked.
 pub const PATIENCE: Duration = Duration::from_secs(5);
+/// Bytes of the smallest database, a page, and those with which every one begins.
+const SMALLEST: u64 = 512;
+const MAGIC: &[u8] = b"SQLite format 3\0";
 /// Longest pseudonym, letters.
 const MAX_NAME: usize = 64;
-
-/// Why the store could not do it.
-#[derive(Debug, thiserror::Error)]
-pub enum StoreError {
-    /// Another program holds it.
-    #[error(
-        "results store {file}: locked by another program for more than {seconds} s; end that program or try later"
-    )]
-    Locked {
-        /// The file.
-        file: String,
-        /// How long it was waited for, s.
-        seconds: u64,
-    },
-    /// No room is left.
-    #[error("results store {file}: the disk is full; nothing was changed")]
-    Full {
-        /// The file.
-        file: String,
-    },
-    /// It may be read only.
-    #[error("results store {file}: not writable")]
-    ReadOnly {
-        /// The file.
-        file: String,
-    },
-    /// Something else lies there.
-    #[error("results store {file}: expected a results store, found {found}")]
-    Foreign {
-        /// The file.
-        file: String,
-        /// What it is.
-        found: String,
-    },
-    /// Made by a newer program.
-    #[error(
-        "results store {file}: expected a schema up to {newest}, found {found}; use the newer vitreo that made it"
-    )]
-    Newer {
-        /// The file.
-        file: String,
-        /// The newest schema this build knows.
-        newest: usize,
-        /// The store's.
-        found: i64,
-    },
-    /// There is none.
-    #[error("results store {file}: no such file; `vitreo run --module NAME --trainee NAME` makes it")]
-    Missing {
-        /// The file.
-        file: String,
-    },
-    /// A value makes no sense.
-    #[error("{field}: expected {expected}, found {found}")]
-    Value {
-        /// What was given.
-        field: &'static str,
-        /// What would be right.
-        expected: String,
-        /// What it was.
-        found: String,
-    },
-    /// Anything else, in SQLite's words.
-    #[error("results store {file}: {problem}")]
-    Other {
-        /// The file.
-        file: String,
-        /// Why.
-        problem: String,
-    },
-}
 
 /// Which attempts to give; every condition that is set must hold.
 #[derive(Debug, Clone, Default)]
@@ -113,6 +56,9 @@ pub struct Store {
     path: PathBuf,
     connection: Connection,
     patience: Duration,
+    /// What is wrong with the file as a whole.
+    damage: Option<String>,
+    notices: Vec<String>,
 }
 
 /// Default path of the store, after the XDG base directory specification.
@@ -143,15 +89,6 @@ pub fn check_name(name: &str) -> Result<(), StoreError> {
     Err(StoreError::Value { field: "trainee", expected, found: format!("'{name}'") })
 }
 
-/// Takes from others what they may do with a store; somebody else's, or one on a read-only disk, stays as
-/// it is.
-fn make_private(path: &Path) {
-    let mode = path.metadata().map_or(0, |found| found.permissions().mode());
-    if mode & 0o077 != 0 {
-        let _ = std::fs::set_permissions(path, Permissions::from_mode(mode & 0o700));
-    }
-}
-
 impl Store {
     /// Opens a store and brings its schema up to date; makes one where there is none.
     ///
@@ -173,10 +110,19 @@ impl Store {
     /// # Errors
     /// If there is no such file, it is no store, or it is of a later version.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
-        if !path.exists() {
-            return Err(StoreError::Missing { file: path.display().to_string() });
+        let file = path.display().to_string();
+        match read_bytes(path, SMALLEST) {
+            Err(e) if e.kind() == ErrorKind::NotFound => Err(StoreError::Missing { file }),
+            // SQLite takes it for a database without tables; whoever made it has lost what was in it.
+            Ok(bytes)
+                if bytes.len() < SMALLEST as usize
+                    && MAGIC.starts_with(&bytes[..bytes.len().min(MAGIC.len())]) =>
+            {
+                let problem = format!("it ends after {} bytes", bytes.len());
+                Err(StoreError::Damaged { file, problem })
+            }
+            _ => Self::open_with(path, PATIENCE),
         }
-        Self::open_with(path, PATIENCE)
     }
 
     /// As [`Store::open_or_create`] without making folders, with another patience.
@@ -193,10 +139,15 @@ impl Store {
         connection.pragma_update(None, "synchronous", "EXTRA").map_err(store_error)?;
         // What a trainee has deleted is overwritten, not only forgotten.
         connection.pragma_update(None, "secure_delete", true).map_err(store_error)?;
-        let mut store = Store { path: path.into(), connection, patience };
+        let mut store = Store { path: path.into(), connection, patience, damage: None, notices: Vec::new() };
         store.migrate()?;
-        make_private(path);
+        store.notices.extend(private::mend_file(path));
         Ok(store)
+    }
+
+    /// What opening the store has changed in it, a sentence each, for its user.
+    pub fn notices(&self) -> &[String] {
+        &self.notices
     }
 
     fn store_error(&self, error: rusqlite::Error) -> StoreError {
@@ -220,25 +171,51 @@ impl Store {
         if !is_empty && owner != i64::from(APPLICATION_ID) {
             return Err(StoreError::Foreign { file, found: "a database of another program".into() });
         }
+        if is_empty {
+            // It has just been made, with the mode that the user's mask leaves.
+            private::mend_file(&self.path);
+        }
         let known = usize::try_from(found).ok().filter(|&v| v <= VERSION);
         let Some(known) = known else { return Err(StoreError::Newer { file, newest: VERSION, found }) };
+        self.damage = read::damage(&self.connection).map_err(|e| self.store_error(e))?;
         if known == VERSION {
             return Ok(());
         }
-        self.change(|change| {
+        let sealed = self.change(|change| {
             // Somebody else may have been quicker.
             let now: i64 = change.pragma_query_value(None, "user_version", |row| row.get(0))?;
             for step in STEPS.get(now as usize..).unwrap_or(&[]) {
                 change.execute_batch(step)?;
             }
             change.pragma_update(None, "application_id", APPLICATION_ID)?;
-            change.pragma_update(None, "user_version", VERSION as i64)
-        })
+            change.pragma_update(None, "user_version", VERSION as i64)?;
+            read::seal(change, None)
+        })?;
+        if sealed > 0 {
+            self.notices.push(format!("results store {file}: {sealed} attempts were given a checksum each"));
+        }
+        let recordings = self.recordings()?;
+        self.notices.extend(private::mend_recordings(&self.path, &recordings));
+        Ok(())
+    }
+
+    /// Paths of all recordings that attempts name.
+    fn recordings(&self) -> Result<Vec<PathBuf>, StoreError> {
+        let query = || {
+            let named = "SELECT DISTINCT recording FROM attempts WHERE recording IS NOT NULL";
+            let mut statement = self.connection.prepare(named)?;
+            let rows = statement.query_map([], |row| row.get::<_, String>(0).map(PathBuf::from))?;
+            rows.collect::<rusqlite::Result<Vec<_>>>()
+        };
+        query().map_err(|e| self.store_error(e))
     }
 
     /// All of `what` or nothing.
     fn change<T>(&mut self, what: impl FnOnce(&Transaction) -> rusqlite::Result<T>) -> Result<T, StoreError> {
-        let Store { path, connection, patience } = self;
+        let Store { path, connection, patience, damage, .. } = self;
+        if let Some(problem) = damage {
+            return Err(StoreError::Damaged { file: path.display().to_string(), problem: problem.clone() });
+        }
         let all = || {
             let change = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
             let done = what(&change)?;
@@ -271,8 +248,26 @@ impl Store {
                     )?;
                 }
             }
+            read::seal(change, Some(id))?;
             Ok(Some(id))
         })
+    }
+
+    /// Who has a recording of these contents (SHA-256, hexadecimal) already: pseudonym, number of the
+    /// attempt and version of its score.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn holders(&self, sha256: &str) -> Result<Vec<(String, i64, u32)>, StoreError> {
+        let query = || {
+            let mut statement = self.connection.prepare(
+                "SELECT pseudonym, attempts.id, score_version FROM attempts JOIN trainees ON trainee = trainees.id
+                 WHERE recording_sha256 = ?1 ORDER BY attempts.id",
+            )?;
+            let rows = statement.query_map([sha256], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)))?;
+            rows.collect::<rusqlite::Result<Vec<_>>>()
+        };
+        query().map_err(|e| self.store_error(e))
     }
 
     /// Deletes a trainee with every attempt; returns how many those were and which recordings they
@@ -281,12 +276,12 @@ impl Store {
     /// # Errors
     /// If the store cannot be written.
     pub fn delete(&mut self, trainee: &str) -> Result<Option<(usize, Vec<NamedRecording>)>, StoreError> {
-        let filter = Filter { trainee: Some(trainee.into()), ..Filter::default() };
-        let attempts = self.attempts(&filter)?;
+        let attempts = self.named_by(trainee, None)?;
         let deleted =
             self.change(|change| change.execute("DELETE FROM trainees WHERE pseudonym = ?1", [trainee]))?;
-        let recordings = self.recordings_of(&attempts)?;
-        Ok((deleted > 0).then_some((attempts.len(), recordings)))
+        let count = attempts.len();
+        let recordings = self.still_named(attempts)?;
+        Ok((deleted > 0).then_some((count, recordings)))
     }
 
     /// Deletes one attempt of a trainee; returns the recording that it names. `None` if the trainee
@@ -299,24 +294,34 @@ impl Store {
         trainee: &str,
         id: i64,
     ) -> Result<Option<Vec<NamedRecording>>, StoreError> {
-        let filter = Filter { trainee: Some(trainee.into()), ..Filter::default() };
-        let mut attempts = self.attempts(&filter)?;
-        attempts.retain(|stored| stored.id == id);
+        let attempts = self.named_by(trainee, Some(id))?;
         if attempts.is_empty() {
             return Ok(None);
         }
         self.change(|change| change.execute("DELETE FROM attempts WHERE id = ?1", [id]))?;
-        self.recordings_of(&attempts).map(Some)
+        self.still_named(attempts).map(Some)
+    }
+
+    /// Path and hash of the recording of each attempt of a trainee, or of one of them; of damaged ones too.
+    fn named_by(&self, trainee: &str, id: Option<i64>) -> Result<Vec<[Option<String>; 2]>, StoreError> {
+        let query = || {
+            let mut statement = self.connection.prepare(
+                "SELECT recording, recording_sha256 FROM attempts JOIN trainees ON trainee = trainees.id
+                 WHERE pseudonym = ?1 AND (?2 IS NULL OR attempts.id = ?2)",
+            )?;
+            let rows = statement.query_map(params![trainee, id], |row| Ok([row.get(0)?, row.get(1)?]))?;
+            rows.collect::<rusqlite::Result<Vec<_>>>()
+        };
+        query().map_err(|e| self.store_error(e))
     }
 
     /// The recordings that deleted attempts name, each once.
-    fn recordings_of(&self, deleted: &[Stored]) -> Result<Vec<NamedRecording>, StoreError> {
-        let named = deleted.iter().filter_map(|s| Some((s.attempt.recording.as_ref()?, &s.attempt)));
+    fn still_named(&self, deleted: Vec<[Option<String>; 2]>) -> Result<Vec<NamedRecording>, StoreError> {
+        let named = deleted.into_iter().filter_map(|[path, sha256]| Some((path?, sha256)));
         let mut recordings = named
-            .map(|(path, attempt)| {
-                let sha256 = attempt.recording_sha256.clone();
-                let shared = self.names(path, &sha256).map_err(|e| self.store_error(e))?;
-                Ok(NamedRecording { path: path.clone(), sha256, shared })
+            .map(|(path, sha256)| {
+                let shared = self.names(&path, &sha256).map_err(|e| self.store_error(e))?;
+                Ok(NamedRecording { path, sha256, shared })
             })
             .collect::<Result<Vec<_>, StoreError>>()?;
         recordings.sort();
@@ -343,40 +348,6 @@ impl Store {
             rows.collect::<rusqlite::Result<Vec<_>>>()
         };
         query().map_err(|e| self.store_error(e))
-    }
-
-    /// Attempts in the order in which they were made.
-    ///
-    /// # Errors
-    /// If the store cannot be read.
-    pub fn attempts(&self, filter: &Filter) -> Result<Vec<Stored>, StoreError> {
-        self.query(filter).map_err(|e| self.store_error(e))
-    }
-
-    fn query(&self, filter: &Filter) -> rusqlite::Result<Vec<Stored>> {
-        let mut statement = self.connection.prepare(
-            "SELECT attempts.id, pseudonym, strftime('%Y-%m-%dT%H:%M:%SZ', at_s, 'unixepoch'), at_s, module, level, surgeon,
-                 program, score_version, seed, total, attempts.sigma, finished, took_s, recording, recording_sha256,
-                 broken_off, failed
-             FROM attempts JOIN trainees ON attempts.trainee = trainees.id
-             WHERE (?1 IS NULL OR pseudonym = ?1) AND (?2 IS NULL OR module = ?2) AND (?3 IS NULL OR level = ?3)
-             ORDER BY at_s, attempts.id",
-        )?;
-        let rows = statement.query_map(params![filter.trainee, filter.module, filter.level], stored)?;
-        let mut found = rows.collect::<rusqlite::Result<Vec<_>>>()?;
-        let mut points = self.connection.prepare(
-            "SELECT key, value, sigma, points, of FROM points WHERE attempt = ?1 AND kind = ?2 ORDER BY place",
-        )?;
-        for Stored { id, attempt, .. } in &mut found {
-            for (kind, into) in [("category", &mut attempt.categories), ("metric", &mut attempt.metrics)] {
-                let rows = points.query_map(params![*id, kind], |row| {
-                    let (key, value, sigma) = (row.get(0)?, row.get(1)?, row.get(2)?);
-                    Ok(Points { key, value, sigma, points: row.get(3)?, of: row.get(4)? })
-                })?;
-                *into = rows.collect::<rusqlite::Result<_>>()?;
-            }
-        }
-        Ok(found)
     }
 }
 
@@ -407,50 +378,6 @@ fn insert(change: &Transaction, trainee: i64, a: &Attempt) -> rusqlite::Result<O
         a.failed
     ];
     change.query_row(row, values, |row| row.get(0)).optional()
-}
-
-fn stored(row: &Row) -> rusqlite::Result<Stored> {
-    let attempt = Attempt {
-        at_s: row.get(3)?,
-        module: row.get(4)?,
-        level: row.get(5)?,
-        surgeon: row.get(6)?,
-        program: row.get(7)?,
-        score_version: row.get(8)?,
-        seed: row.get::<_, Option<i64>>(9)?.map(|seed| seed as u64),
-        total: row.get(10)?,
-        sigma: row.get(11)?,
-        finished: row.get(12)?,
-        took_s: row.get(13)?,
-        recording: row.get(14)?,
-        recording_sha256: row.get(15)?,
-        broken_off: row.get(16)?,
-        failed: row.get(17)?,
-        ..Attempt::default()
-    };
-    Ok(Stored {
-        id: row.get(0)?,
-        trainee: row.get(1)?,
-        at: row.get::<_, Option<String>>(2)?.unwrap_or_default(),
-        attempt,
-    })
-}
-
-/// SQLite's error in words that say what to do.
-fn store_error(path: &Path, patience: Duration, error: rusqlite::Error) -> StoreError {
-    let file = path.display().to_string();
-    match error.sqlite_error_code() {
-        Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => {
-            StoreError::Locked { file, seconds: patience.as_secs() }
-        }
-        Some(ErrorCode::DiskFull) => StoreError::Full { file },
-        Some(ErrorCode::ReadOnly) => StoreError::ReadOnly { file },
-        Some(ErrorCode::NotADatabase) => {
-            StoreError::Foreign { file, found: "a file that is no database".into() }
-        }
-        Some(ErrorCode::DatabaseCorrupt) => StoreError::Foreign { file, found: "a damaged database".into() },
-        _ => StoreError::Other { file, problem: error.to_string() },
-    }
 }
 
 #[cfg(test)]

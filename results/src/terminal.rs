@@ -1,6 +1,6 @@
 //! Learning curves as text, for a terminal.
 
-use crate::curve::{Curve, longest};
+use crate::curve::{Curve, by_module, longest};
 
 /// Columns of the field in which points stand, at most.
 const COLUMNS: usize = 64;
@@ -9,13 +9,19 @@ const ROWS: usize = 21;
 /// A sign for each curve, in turn.
 const SIGNS: [char; 8] = ['o', 'x', '+', '*', '#', '@', '%', '&'];
 
-/// The curves, with an axis of points at the left and one of attempts below. Where two curves meet,
-/// the later one shows.
+/// The curves of each module under its name, with an axis of points at the left and one of attempts
+/// below. Where two curves meet, the later one shows.
 pub fn plot(curves: &[Curve]) -> String {
-    let most = longest(curves);
-    if most == 0 {
+    if longest(curves) == 0 {
         return "no attempts\n".into();
     }
+    let panels = by_module(curves).map(|own| format!("{}\n{}", own[0].module, panel(own)));
+    panels.collect::<Vec<_>>().join("\n")
+}
+
+/// The curves of a module.
+fn panel(curves: &[Curve]) -> String {
+    let most = longest(curves).max(1);
     let width = COLUMNS.min(most * 4 + 1);
     let mut field = vec![vec![' '; width]; ROWS];
     for (curve, sign) in curves.iter().zip(SIGNS.iter().cycle()) {
@@ -62,23 +68,32 @@ mod tests {
 
     #[test]
     fn points_stand_where_their_scores_are() {
-        let curve = |label: &str, scores: &[f64]| Curve {
+        let curve = |module: &str, label: &str, scores: &[f64]| Curve {
+            module: module.into(),
             label: label.into(),
             scores: scores.iter().map(|s| (*s, 0.5)).collect(),
         };
-        let text = plot(&[curve("a", &[0.0, 50.0, 100.0]), curve("b", &[-20.0])]);
-        let lines: Vec<&str> = text.lines().collect();
+        let two = [curve("shadow", "a", &[0.0, 50.0, 100.0]), curve("shadow", "b", &[-20.0])];
+        let text = plot(&two);
+        let lines: Vec<&str> = text.lines().skip(1).collect();
         assert_eq!(lines[0], format!(" 100 ┤{}o", " ".repeat(12)));
         assert_eq!(lines[10], "  50 ┤      o");
         assert_eq!(lines[20], "   0 ┤x", "below 0 is drawn at 0, and the later curve shows");
         assert_eq!(lines[22], "      1           3  attempt");
         assert!(text.ends_with("  o a: 0.0 ± 0.5 to 100.0 ± 0.5\n  x b: -20.0 ± 0.5\n"), "{text}");
         assert!(plot(&[]).contains("no attempts"));
+        let other = [&[curve("forceps", "a", &[7.0])][..], &two].concat();
+        assert_eq!(plot(&other), format!("{}\n{text}", plot(&other[..1])), "a field for each module");
+        assert!(plot(&other).starts_with("forceps\n 100 ┤") && text.starts_with("shadow\n 100 ┤"));
     }
 
     #[test]
     fn many_attempts_keep_the_width() {
-        let many = Curve { label: "m".into(), scores: (0..500).map(|i| (f64::from(i) / 5.0, 0.0)).collect() };
+        let many = Curve {
+            module: "shadow".into(),
+            label: "m".into(),
+            scores: (0..500).map(|i| (f64::from(i) / 5.0, 0.0)).collect(),
+        };
         assert!(plot(&[many]).lines().take(23).all(|line| line.chars().count() <= 80));
     }
 }

@@ -1,6 +1,8 @@
 //! Wrong input ends with a clear message and the right exit code.
 
 use protocol::poses::TrackerFrame;
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::Command;
 use vitreo_tests::{Observer, Running, binaries, instance_name, interrupt, next, repository, vitreo};
@@ -173,4 +175,58 @@ fn wrong_use_exits_with_two() {
     vitreo(&["run", "--no-such-option"]).expect_code(2);
     vitreo(&["dance"]).expect_code(2);
     vitreo(&["--help"]).expect_code(0);
+}
+
+#[test]
+fn a_store_that_cannot_be_used_is_named_with_its_reason() {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = folder.path().join("r.sqlite");
+    let store = path.display().to_string();
+    refused(&["results", "add", "t7", "none.mcap", "--store", &store], &["none.mcap"]);
+    vitreo(&["results", "--store", &store]).expect_code(0);
+    let whole = std::fs::read(&path).expect("a store was made");
+    let show: [&[&str]; 2] =
+        [&["results", "--store", &store], &["results", "delete", "t7", "--store", &store]];
+    for args in show {
+        // SQLite's file format, 1.3: the version of the schema lies at offset 60, big-endian.
+        let mut newer = whole.clone();
+        newer[60..64].copy_from_slice(&99_u32.to_be_bytes());
+        std::fs::write(&path, newer).expect("written");
+        refused(args, &["r.sqlite", "found 99; use the newer vitreo"]);
+        for part in [0, 100, whole.len() / 2] {
+            std::fs::write(&path, &whole[..part]).expect("written");
+            refused(args, &["r.sqlite", "damaged"]);
+        }
+        std::fs::write(&path, &whole).expect("written");
+    }
+    // Root may do everything, and can be somebody else.
+    let Ok(()) = std::os::unix::fs::chown(&path, Some(1), None) else {
+        println!("not root: a store of another user was not tried");
+        return;
+    };
+    let open = std::fs::Permissions::from_mode;
+    std::fs::set_permissions(&path, open(0o600)).expect("its mode");
+    std::fs::set_permissions(folder.path(), open(0o755)).expect("its mode");
+    let mut command = Command::new(binaries().join("vitreo"));
+    command.args(["results", "--no-config", "--store", &store]).current_dir("/").uid(65_534);
+    match command.output() {
+        // Where the build lies in a folder of root's alone.
+        Err(problem) => println!("another user may not start {}: {problem}", binaries().display()),
+        Ok(output) => {
+            let told = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert_eq!(output.status.code(), Some(1), "{told}");
+            assert!(told.contains("r.sqlite") && told.contains("it belongs to user 1 (mode 0600)"), "{told}");
+        }
+    }
+}
+
+#[test]
+fn an_input_that_is_a_pipe_to_which_nobody_writes_is_refused() {
+    let folder = tempfile::tempdir().expect("folder");
+    let pipe = folder.path().join("rig.json");
+    assert!(Command::new("mkfifo").arg(&pipe).status().expect("mkfifo").success());
+    let (pipe, name) = (pipe.display().to_string(), instance_name());
+    refused(&["run", "--no-picture", "--instance", &name, "--rig", &pipe], &["--rig", "nobody has written"]);
+    refused(&["calibrate", "pivot", "--poses", &pipe, "--rig", &pipe], &["rig.json", "nobody has written"]);
+    refused(&["info", &pipe], &["rig.json", "nobody has written"]);
 }

@@ -12,7 +12,6 @@ use outputs::{Force, Outputs, STILLS, numbered, video_file};
 use protocol::budget::{Budgets, Stage};
 use protocol::file::{MAX_SETTINGS_BYTES, read_text};
 use protocol::health::Process;
-use results::Store;
 use results::store::check_name;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -235,7 +234,7 @@ impl RunArgs {
         let Some(trainee) = &self.trainee else { return Ok(self) };
         check_name(trainee)?;
         let path = self.store.path()?;
-        Store::open_or_create(&path)?;
+        crate::results::open(&self.store, true)?;
         // The name stays out of the file name: deleting a trainee deletes the name.
         let module = self.module.as_deref().and_then(|m| Path::new(m).file_name()).unwrap_or_default();
         let began = seconds_since_1970(SystemTime::now());

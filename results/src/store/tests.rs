@@ -1,6 +1,7 @@
 //! Checks of the store against a file on disk, partly through connections of SQLite's own.
 
 use super::*;
+use crate::attempt::{Points, Stored};
 use tempfile::TempDir;
 
 fn place() -> (TempDir, PathBuf) {
@@ -276,9 +277,149 @@ fn a_store_is_its_owners_alone_and_syncs_the_removal_of_its_journal() {
     let store = Store::open_or_create(&path).unwrap();
     let level: i64 = store.connection.pragma_query_value(None, "synchronous", |row| row.get(0)).unwrap();
     assert_eq!(level, 3, "EXTRA");
+    assert!(store.notices().is_empty(), "a new store is closed from the start: {:?}", store.notices());
     assert_eq!((mode(&path), mode(path.parent().unwrap())), (0o600, 0o700));
     drop(store);
     std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o644)).unwrap();
     Store::open(&path).unwrap();
     assert_eq!(mode(&path), 0o600, "the mode of an older store is mended");
+}
+
+/// A store as version 3 of the schema had it, with attempts of two trainees.
+fn store_without_checksums(path: &Path) {
+    let mut store = Store::open_or_create(path).unwrap();
+    for at in 1..6 {
+        store.add(if at < 4 { "t7" } else { "t8" }, &attempt(at, "shadow", 60.0 + at as f64)).unwrap();
+    }
+    let raw = &store.connection;
+    raw.execute_batch("ALTER TABLE attempts DROP COLUMN checksum; PRAGMA user_version = 3").unwrap();
+}
+
+#[test]
+fn attempts_of_an_older_store_get_checksums_and_that_is_said() {
+    use std::os::unix::fs::PermissionsExt;
+    let (_folder, path) = place();
+    store_without_checksums(&path);
+    let recording = path.with_file_name("a.mcap");
+    let elsewhere = path.parent().unwrap().parent().unwrap().join("b.mcap");
+    let raw = Connection::open(&path).unwrap();
+    for (id, file) in [(1, &recording), (2, &elsewhere)] {
+        std::fs::write(file, "").unwrap();
+        std::fs::set_permissions(file, std::fs::Permissions::from_mode(0o644)).unwrap();
+        let real = file.canonicalize().unwrap().display().to_string();
+        raw.execute("UPDATE attempts SET recording = ?2 WHERE id = ?1", params![id, real]).unwrap();
+    }
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o664)).unwrap();
+    let store = Store::open(&path).unwrap();
+    let said = store.notices().join("\n");
+    for part in
+        ["5 attempts were given a checksum", "1 recordings in", "results.sqlite: it was open to other users"]
+    {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+    let mode = |path: &Path| path.metadata().unwrap().permissions().mode() & 0o777;
+    assert_eq!([mode(&path), mode(&recording), mode(&elsewhere)], [0o600, 0o600, 0o644]);
+    assert_eq!(store.attempts(&Filter::default()).unwrap().len(), 5);
+    assert!(Store::open(&path).unwrap().notices().is_empty(), "once");
+}
+
+#[test]
+fn a_damaged_attempt_is_named_and_the_others_are_given() {
+    let (_folder, path) = place();
+    let mut store = Store::open_or_create(&path).unwrap();
+    let ids: Vec<i64> =
+        (1..4).map(|at| store.add("t7", &attempt(at, "shadow", 5.0)).unwrap().unwrap()).collect();
+    let changes = [
+        "UPDATE attempts SET total = 95.0 WHERE id = 2",
+        "UPDATE points SET points = 19.5 WHERE attempt = 2 AND kind = 'category' AND place = 0",
+        "DELETE FROM points WHERE attempt = 2 AND kind = 'metric' AND place = 1",
+        "UPDATE attempts SET checksum = NULL WHERE id = 2",
+        "UPDATE attempts SET level = -1 WHERE id = 2",
+        "UPDATE attempts SET recording = NULL WHERE id = 2",
+    ];
+    let whole = std::fs::read(&path).unwrap();
+    for change in changes {
+        std::fs::write(&path, &whole).unwrap();
+        Connection::open(&path).unwrap().execute_batch(change).unwrap();
+        let mut store = Store::open(&path).unwrap();
+        let Reading { attempts, damage } = store.read(&Filter::default()).unwrap();
+        assert_eq!(attempts.iter().map(|s| s.id).collect::<Vec<_>>(), [ids[0], ids[2]], "{change}");
+        let [error] = &damage[..] else { panic!("{change}: {damage:?}") };
+        assert!(error.to_string().contains("results.sqlite: attempt 2 of t7 is damaged"), "{error}");
+        assert!(matches!(store.attempts(&Filter::default()), Err(StoreError::Attempt { .. })));
+        // Others are added and this one can be removed.
+        store.add("t7", &attempt(9, "shadow", 5.0)).unwrap().unwrap();
+        assert!(store.delete_attempt("t7", 2).unwrap().is_some());
+        assert_eq!(store.attempts(&Filter::default()).unwrap().len(), 3);
+    }
+}
+
+/// Attempts and trainees of a store, or the first error.
+fn output(path: &Path) -> Result<(Vec<Stored>, Vec<(String, usize)>), String> {
+    let give = || {
+        let store = Store::open(path)?;
+        Ok((store.attempts(&Filter::default())?, store.trainees()?))
+    };
+    give().map_err(|e: StoreError| e.to_string())
+}
+
+#[test]
+fn a_flipped_bit_gives_the_same_attempts_or_an_error() {
+    let (_folder, path) = place();
+    let mut store = Store::open_or_create(&path).unwrap();
+    for at in 1..9 {
+        store.add(["a", "b"][at as usize % 2], &attempt(at, "shadow", 60.0 + at as f64)).unwrap();
+    }
+    // Half a page of attempts and one of points are free, and hold what was deleted.
+    store.delete_attempt("a", 2).unwrap();
+    drop(store);
+    let whole = std::fs::read(&path).unwrap();
+    let expected = output(&path).unwrap();
+    let (mut same, mut refused) = (0, 0);
+    // Multiplicative steps over the whole file (Knuth's constant), the same in every run.
+    let bits = whole.len() as u64 * 8;
+    for n in 0..800_u64 {
+        let bit = (n.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 20) % bits;
+        let mut flipped = whole.clone();
+        flipped[(bit / 8) as usize] ^= 1 << (bit % 8);
+        std::fs::write(&path, &flipped).unwrap();
+        match output(&path) {
+            Ok(found) => {
+                assert_eq!(found, expected, "bit {bit}");
+                same += 1;
+            }
+            Err(error) => {
+                assert!(error.contains("results.sqlite"), "{error}");
+                refused += 1;
+            }
+        }
+        let _ = std::fs::remove_file(path.with_extension("sqlite-journal"));
+    }
+    println!(
+        "{} bits of {} bytes flipped: {same} give the same attempts, {refused} an error",
+        same + refused,
+        whole.len()
+    );
+    assert!(same > 50 && refused > 50);
+}
+
+#[test]
+fn a_truncated_store_is_refused_at_every_length() {
+    let (_folder, path) = place();
+    let mut store = Store::open_or_create(&path).unwrap();
+    for at in 1..30 {
+        store.add("a", &attempt(at, "shadow", 1.0)).unwrap();
+    }
+    drop(store);
+    let whole = std::fs::read(&path).unwrap();
+    let lengths: Vec<usize> =
+        [0, 1, 50, 99, 100, 512].into_iter().chain((1000..whole.len()).step_by(1777)).collect();
+    for length in &lengths {
+        std::fs::write(&path, &whole[..*length]).unwrap();
+        let Err(error) = output(&path) else { panic!("{length} bytes of {} are taken", whole.len()) };
+        let named = error.contains("damaged") || error.contains("no database");
+        assert!(named && error.contains("results.sqlite"), "{length}: {error}");
+        assert_eq!(std::fs::read(&path).unwrap(), whole[..*length], "it is left as it is");
+    }
+    println!("{} lengths of {} bytes refused", lengths.len(), whole.len());
 }
