@@ -36,11 +36,11 @@ pub use policy::MAX_RESTARTS;
 pub use watch::{Warning, Watch};
 
 use crate::exit::{BUDGET, FAILED, LOSS, UNTRACKED};
-use crate::machine::has_display;
+use crate::machine::{allow_open_files, has_display};
 use crate::modules::Composed;
 use crate::results::{BEGAN, DESK, SURGEON, keep, seconds_since_1970};
 use crate::runtime::{StopSignal, block_on};
-use crate::tracking::untracked;
+use crate::tracking::{is_loss, untracked};
 use anyhow::Context;
 use ipc::logging::warn;
 use options::View;
@@ -67,6 +67,7 @@ pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
 }
 
 async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
+    allow_open_files()?;
     let stop = StopSignal::install()?;
     if args.unscripted && !cameras::wait(args, &stop).await {
         return Ok(ExitCode::SUCCESS);
@@ -174,6 +175,19 @@ fn write_report(report: &Report, outputs: &mut Outputs, file: &Path) -> anyhow::
     outputs.write(file, text + "\n").context("the report is not written")
 }
 
+/// Frames that nothing explains which the user has read of: neither restarts nor silences nor gaps that the
+/// input was asked to have; and whether they are more than a trace.
+fn missing_singly(report: &Report, input_has_gaps: bool) -> Option<(String, bool)> {
+    let restarted = report.restarts.values().any(|n| *n > 0);
+    let missing = report.frames_withheld.saturating_sub(report.overwritten);
+    if restarted || input_has_gaps || !report.silences.is_empty() || missing == 0 {
+        return None;
+    }
+    let due = report.tracking.frames_due;
+    let text = format!("{missing} of {due} frames are missing, though their fields came");
+    Some((text, is_loss(missing, due)))
+}
+
 /// The exit code, with its reasons on standard error.
 fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
     let mut code = 0;
@@ -196,6 +210,10 @@ fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
         let to_s = silence.to_s.unwrap_or(report.duration_s);
         warn(&format!("from {:.1} to {to_s:.1} s {}", silence.from_s, silence.finding.what));
         code = LOSS;
+    }
+    if let Some((text, is_loss)) = missing_singly(report, args.faults.is_some() || args.blobs.is_some()) {
+        warn(&text);
+        code = if is_loss { LOSS } else { code };
     }
     if !report.unfinished.is_empty() {
         // Their last lines have told why.
@@ -223,4 +241,26 @@ fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
         return FAILED;
     }
     code
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_that_are_missing_singly_are_told_and_cost_the_exit_code() {
+        let mut report = report::tests::report();
+        report.restarts.clear();
+        report.tracking.frames_due = 3_000;
+        assert_eq!(missing_singly(&report, false), None);
+        report.frames_withheld = 26;
+        let told = |report: &Report| missing_singly(report, false);
+        let (text, is_loss) = told(&report).unwrap();
+        assert!(is_loss && text.starts_with("26 of 3000 frames are missing"), "{text}");
+        assert_eq!(missing_singly(&report, true), None, "the stream has gaps");
+        report.overwritten = 10;
+        assert!(matches!(told(&report), Some((text, false)) if text.starts_with("16 of")));
+        report.restarts.insert("tracker", 1);
+        assert_eq!(told(&report), None, "the restart was told");
+    }
 }

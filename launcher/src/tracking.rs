@@ -5,7 +5,7 @@ mod agreement;
 mod due;
 mod residuals;
 
-pub use due::Due;
+pub use due::{Due, is_loss};
 
 use agreement::{Agreement, Dissenter};
 use protocol::blobs::BlobField;

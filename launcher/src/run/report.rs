@@ -70,6 +70,8 @@ pub struct Report {
     /// Of all channels, those that were overwritten.
     #[serde(skip)]
     pub overwritten: u64,
+    /// Frames that are missing though their fields came.
+    pub frames_withheld: u64,
     /// How often the simulation died and could not go on from its past.
     pub states_lost: u64,
     /// Messages by channel.
@@ -363,4 +365,4 @@ impl Report {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -12,6 +12,17 @@ use std::collections::BTreeMap;
 /// what is younger is still under way.
 const GRACE_NS: u64 = 200_000_000;
 
+/// Frames that may be missing singly without being a loss: what a loaded machine leaves out now and then.
+/// Half a second of them is as much as a silence that is named.
+const TRACE: u64 = 25;
+/// Longer runs may miss one frame in so many.
+const TRACE_OF: u64 = 1000;
+
+/// True if more frames are missing of those that should have been than a trace.
+pub fn is_loss(missing: u64, due: u64) -> bool {
+    missing > TRACE.max(due / TRACE_OF)
+}
+
 /// The newest field of a camera.
 #[derive(Debug, Clone, Copy)]
 struct Newest {
@@ -92,6 +103,13 @@ impl Due {
         self.before + self.between + if late { newest(|c| c.ahead) } else { 0 }
     }
 
+    /// Of [`Due::frames_missing`] those that fields should have led to which were published: frames without
+    /// a field are the cameras' loss.
+    pub fn frames_withheld(&self) -> u64 {
+        let skipped = self.skipped.div_ceil(self.cameras.len().max(1) as u64);
+        self.frames_missing().saturating_sub(skipped)
+    }
+
     /// Camera-fields that nobody published: numbers that a camera passed over.
     pub fn fields_skipped(&self) -> u64 {
         self.skipped
@@ -141,6 +159,25 @@ mod tests {
         assert_eq!(run(|n| n >= 25), 15, "or begins late");
         assert_eq!(run(|n| !(40..55).contains(&n) && n != 70), 16);
         assert_eq!(run(|n| n < 105), 0, "the last ones are under way");
+    }
+
+    #[test]
+    fn more_than_a_trace_is_a_loss() {
+        assert!(!is_loss(0, 0) && !is_loss(25, 100) && is_loss(26, 100));
+        assert!(!is_loss(180, 180_000) && is_loss(181, 180_000), "of an hour");
+    }
+
+    #[test]
+    fn frames_without_a_field_are_not_withheld() {
+        let mut due = Due::new(PERIOD_NS);
+        // The cameras pass over ten numbers, the tracker withholds three frames and dies for two fields.
+        for n in (0..100).filter(|n| !(40..50).contains(n)) {
+            (0..3).for_each(|camera| field(&mut due, camera, n, 1_000_000_000 + n * PERIOD_NS));
+            if ![5, 17, 80, 90, 91].contains(&n) {
+                frame(&mut due, n, 1_000_000_000 + n * PERIOD_NS);
+            }
+        }
+        assert_eq!((due.frames_missing(), due.fields_skipped(), due.frames_withheld()), (15, 30, 5));
     }
 
     #[test]

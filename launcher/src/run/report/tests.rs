@@ -22,7 +22,7 @@ fn latencies() -> LatencyStats {
     latencies
 }
 
-fn report() -> Report {
+pub(crate) fn report() -> Report {
     let latencies = latencies();
     Report {
         tracking: TrackingFigures::default(),
@@ -57,6 +57,7 @@ fn report() -> Report {
         unfinished: Vec::new(),
         lost: BTreeMap::new(),
         overwritten: 0,
+        frames_withheld: 0,
         states_lost: 0,
         received: BTreeMap::new(),
         events: BTreeMap::new(),

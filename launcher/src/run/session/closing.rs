@@ -62,6 +62,7 @@ impl Session<'_> {
             unfinished: ends.failed,
             lost: self.lost(),
             overwritten: self.consumers.lost_before,
+            frames_withheld: self.consumers.tracking.due().frames_withheld(),
             states_lost: self.states_lost,
             received: CHANNELS.into_iter().zip(self.consumers.monitor.traffic.map(|t| t.count)).collect(),
             events: self.consumers.monitor.events.clone(),
