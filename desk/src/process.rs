@@ -248,7 +248,7 @@ impl DeskShell {
                 self.last_hint.clear();
             }
             Command::Ping | Command::Flush | Command::Shutdown => {}
-            Command::Snapshot | Command::Next => {
+            Command::Snapshot | Command::Next | Command::Help => {
                 anyhow::bail!("the desk knows start, pause, reset and load only")
             }
         }

@@ -31,13 +31,16 @@ pub enum Command {
     Load = 7,
     /// The module's next level (launcher).
     Next = 8,
+    /// Show the help over the picture (argument 1) or hide it (0) (renderer). Whether it is open is the
+    /// launcher's to know: a renderer that was restarted learns it so.
+    Help = 9,
 }
 
 impl Command {
     /// From the wire.
     pub fn from_wire(code: u32) -> Option<Self> {
         use Command::*;
-        [Ping, Start, Pause, Reset, Flush, Shutdown, Snapshot, Load, Next].get(code as usize).copied()
+        [Ping, Start, Pause, Reset, Flush, Shutdown, Snapshot, Load, Next, Help].get(code as usize).copied()
     }
 }
 
@@ -69,13 +72,13 @@ impl Request {
 
 impl Message for Request {
     const CHANNEL: &'static str = "control";
-    /// 2: commands 7 and 8, and requests to the launcher.
-    const VERSION: u32 = 2;
+    /// 2: commands 7 and 8, and requests to the launcher; 3: command 9.
+    const VERSION: u32 = 3;
     const QUEUE: usize = 32;
 
     fn validate(&self) -> Result<(), Invalid> {
         let command = f64::from(self.command);
-        require(Command::from_wire(self.command).is_some(), "Request", "command", "0 to 8", command)
+        require(Command::from_wire(self.command).is_some(), "Request", "command", "0 to 9", command)
     }
 }
 

@@ -391,7 +391,7 @@ impl RendererShell {
             match command {
                 Command::Pause => self.user.pause(true),
                 Command::Start => self.user.pause(false),
-                Command::Reset | Command::Load => self.user.close_help(),
+                Command::Help => self.user.show_help(request.argument == 1),
                 Command::Flush => self.held.end(),
                 _ => {}
             }

@@ -2,11 +2,13 @@
 //! with a restart, a pause and the next level; and what the launcher says to inputs and requests
 //! that make no sense.
 
+use protocol::control::{Command, Request};
 use protocol::health::{Process, STATE_RUNNING};
+use protocol::inputs::{Input, InputEvent, Key, Origin};
 use protocol::limits::MAX_STEP_NS;
 use protocol::steps::StepRecord;
 use std::path::Path;
-use vitreo_tests::{Observer, Running, instance_name, next, vitreo};
+use vitreo_tests::{Observer, Running, instance_name, kill, next, vitreo};
 
 /// The inputs: six balls, 2.2 s each.
 const INPUTS: &str = "tests/data/inputs/navigation-1.txt";
@@ -88,6 +90,33 @@ fn a_run_is_paused_restarted_and_ended_from_a_command_line() {
     running.finish().expect_code(0);
     let gone = ctl("pause").expect_code(1);
     assert!(gone.stderr.contains(&name) && gone.stderr.contains("no simulator"), "{}", gone.stderr);
+}
+
+/// The launcher alone knows whether help is open: a renderer that begins anew shows it again, and the
+/// next press of its key closes it.
+#[test]
+fn help_stays_open_while_the_renderer_restarts_and_its_key_closes_it() {
+    let name = instance_name();
+    let run = ["run", "--module", "navigation", "--stay", "--headless", "--direct", "--instance", &name];
+    let running = Running::start(&run);
+    let mut observer = Observer::join(&name);
+    let (mut requests, mut inputs) = (observer.receiver::<Request>(), observer.sender::<InputEvent>());
+    let mut press_f1 = || {
+        let key = Key::named("f1").expect("a key");
+        inputs.send(&InputEvent::new(Input::Press(key), Origin::Window, 1)).expect("sent");
+    };
+    let is_help = |r: &Request| r.is_for(Process::Renderer) && r.command == Command::Help as u32;
+    let renderer = observer.health(Process::Renderer, |h| h.state == STATE_RUNNING);
+    press_f1();
+    next(&mut requests, |r| is_help(r) && r.argument == 1);
+    kill(renderer.pid);
+    observer.health(Process::Renderer, |h| h.pid != renderer.pid && h.state == STATE_RUNNING);
+    assert_eq!(next(&mut requests, is_help).argument, 1, "the new renderer shows it too");
+    press_f1();
+    assert_eq!(next(&mut requests, is_help).argument, 0, "the key closes it");
+    vitreo(&["ctl", "quit", "--instance", &name]).expect_code(0);
+    drop((requests, inputs, observer));
+    running.finish().expect_code(0);
 }
 
 #[test]

@@ -3,7 +3,7 @@
 pub mod endure;
 pub mod verified;
 
-use ipc::{BlockReceiver, Instance, Queue, Receiver, wait};
+use ipc::{BlockReceiver, Instance, Queue, Receiver, Sender, wait};
 use protocol::frames::PictureHeader;
 use protocol::health::{Health, Process};
 use protocol::message::Message;
@@ -185,6 +185,11 @@ impl Observer {
     /// Opens a channel.
     pub fn receiver<M: Message + std::fmt::Debug>(&self) -> Receiver<M> {
         self.instance.receiver(Queue::InOrder).expect("channel")
+    }
+
+    /// Opens the sending side of a channel.
+    pub fn sender<M: Message + std::fmt::Debug>(&self) -> Sender<M> {
+        self.instance.sender().expect("channel")
     }
 
     /// Opens the channel of small pictures, of which the newest wins.

@@ -285,7 +285,7 @@ impl TrackerProcess {
             }
             Command::Flush => return self.flush(),
             Command::Start | Command::Pause | Command::Ping | Command::Shutdown => {}
-            Command::Snapshot | Command::Next => {
+            Command::Snapshot | Command::Next | Command::Help => {
                 return Ok(Err("the tracker has neither picture nor levels".to_owned()));
             }
         }

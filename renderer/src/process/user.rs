@@ -62,10 +62,10 @@ impl User {
         self.paused = paused;
     }
 
-    /// Hides the help, as another attempt begins.
-    pub fn close_help(&mut self) {
-        self.changed |= self.help;
-        self.help = false;
+    /// Shows or hides the help, as the launcher says.
+    pub fn show_help(&mut self, shown: bool) {
+        self.changed |= shown != self.help;
+        self.help = shown;
     }
 
     /// Publishes the window's inputs and takes the newest hint.
@@ -73,18 +73,13 @@ impl User {
     /// # Errors
     /// If a channel fails.
     pub fn forward_inputs(&mut self, present: &mut Present, at: Nanos) -> Result<(), IpcError> {
-        let (inputs, mut sent, mut help) = (&mut self.inputs, Ok(()), self.help);
-        let dose = &mut self.dose;
+        let (inputs, dose, mut sent) = (&mut self.inputs, &mut self.dose, Ok(()));
         present.take_inputs(|input| {
-            let asks = |action| matches!(input, Input::Press(key) if Action::of(key) == Some(action));
-            help ^= asks(Action::Help);
-            *dose ^= asks(Action::Dose);
+            *dose ^= matches!(input, Input::Press(key) if Action::of(key) == Some(Action::Dose));
             if sent.is_ok() {
                 sent = inputs.send(&InputEvent::new(input, Origin::Window, at));
             }
         });
-        self.changed |= help != self.help;
-        self.help = help;
         if let Some(hint) = self.hints.next_valid()? {
             self.hint = hint.text();
             self.changed = true;

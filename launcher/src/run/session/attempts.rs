@@ -20,7 +20,8 @@ use tokio::time::Instant;
 /// A new scene's tissue takes a second on a slow machine.
 const OBEY: Duration = Duration::from_secs(15);
 
-/// The help on the picture, as its keys opened and closed it.
+/// The help on the picture, as its keys opened and closed it. It is known here alone: the renderer shows
+/// what it is told.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct HelpState {
     open: bool,
@@ -110,6 +111,7 @@ impl Session<'_> {
     /// Help was opened, and everything stands still; or closed, and what it stopped goes on.
     async fn help(&mut self) -> anyhow::Result<()> {
         self.help.open = !self.help.open;
+        self.tell_help();
         match (self.help.open, self.paused_ns) {
             (true, None) => {
                 self.help.pauses = true;
@@ -117,6 +119,19 @@ impl Session<'_> {
             }
             (false, Some(since)) if std::mem::take(&mut self.help.pauses) => self.resume(since).await,
             _ => Ok(()),
+        }
+    }
+
+    /// Lets the renderer show or hide the help.
+    fn tell_help(&mut self) {
+        self.supervisor.ask(Process::Renderer as u32, Command::Help, u64::from(self.help.open));
+    }
+
+    /// Tells a renderer that has just begun how things stand: help, pause.
+    pub(super) fn tell_renderer(&mut self) {
+        self.tell_help();
+        if self.paused_ns.is_some() {
+            self.supervisor.ask(Process::Renderer as u32, Command::Pause, 0);
         }
     }
 
@@ -138,6 +153,7 @@ impl Session<'_> {
     async fn begin_again(&mut self, command: Command, level: u32) -> anyhow::Result<()> {
         self.consumers.latencies.cool();
         (self.paused_ns, self.help) = (Some(now()), HelpState::default());
+        self.tell_help();
         self.command_all(Command::Pause, 0).await?;
         self.end_attempt().await;
         let number = self.attempts.len() as u32;

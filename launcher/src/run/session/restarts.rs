@@ -44,6 +44,9 @@ impl Session<'_> {
             }
         }
         let lost_before = self.states_lost;
+        if events.contains(&ProcessEvent::Ready(Process::Renderer)) {
+            self.tell_renderer();
+        }
         self.restart_due()?;
         self.supervisor.keep_standby(now());
         if self.states_lost > lost_before {
