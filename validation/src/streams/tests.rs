@@ -101,6 +101,7 @@ fn a_knocked_camera_is_found_left_out_and_taken_back() {
         check_knock(Scenario::Nominal, 5, knock(&rig, camera, 2.0, px, false));
         check_knock(Scenario::Async, 6, knock(&rig, camera, 2.0, px, true));
         check_knock(Scenario::Tremor, 7, knock(&rig, camera, 2.0, px, false));
+        check_knock(Scenario::Hard, 10, knock(&rig, camera, 2.0, px, true));
     }
 }
 
@@ -111,6 +112,7 @@ fn a_camera_that_stands_elsewhere_from_the_start_is_placed_anew() {
         let camera = n as u32;
         check_knock(Scenario::Nominal, 8, knock(&rig, camera, 0.0, px, true));
         check_knock(Scenario::Async, 9, knock(&rig, camera, 0.0, px, false));
+        check_knock(Scenario::Hard, 11, knock(&rig, camera, 0.0, px, false));
     }
 }
 
