@@ -39,3 +39,4 @@ pub mod timing;
 pub mod tissue;
 pub mod tools;
 pub mod view;
+mod workers;

@@ -11,6 +11,7 @@ use crate::gpu::Gpu;
 use crate::latch::{Latched, latch_scene};
 use crate::reference_scene::{Contents, SceneBlock};
 use crate::tools::{NOMINAL_CANNULA_MM, Shaft};
+use crate::workers;
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
 use protocol::geometry::Pose;
@@ -106,6 +107,9 @@ pub fn renderer(
         Renderer::with_assets(gpu, renderer_config(scene, &rig, first_tier, map_px(gpu)), assets);
     let made = clock();
     let costs = WarmUp::new(gpu, &mut renderer, scene, clock)?.costs(first_tier, hurry)?;
+    if gpu.is_software {
+        workers::place();
+    }
     let ms = |from: Nanos, to: Nanos| (to - from) as f64 * 1e-6;
     let (resources_ms, warm_up_ms) = (ms(begun, made), ms(made, clock()));
     tracing::debug!(resources_ms, warm_up_ms, "started");
@@ -135,6 +139,9 @@ impl<'a> WarmUp<'a> {
     fn costs(mut self, first_tier: usize, hurry: Hurry<'_>) -> Result<Costs> {
         let mut shortest_ns = [None::<u64>; TIERS.len()];
         for round in 0..ROUNDS {
+            if round == COMPILED_AFTER && self.gpu.is_software {
+                workers::place();
+            }
             for (tier, shortest) in shortest_ns.iter_mut().enumerate().skip(first_tier) {
                 if let Some(begin_at) = hurry() {
                     let soon = begin_at.unwrap_or(start_tier(self.gpu)).max(first_tier);
