@@ -174,7 +174,10 @@ fn what_is_there_is_kept_unless_told_otherwise() {
         std::fs::write(desk.at(name), "precious").expect("written");
     }
     std::fs::create_dir(desk.at("folder")).expect("folder");
-    std::fs::write(desk.at("folder/precious"), "precious").expect("written");
+    // Of each kind of picture that a folder takes one that is there already.
+    for name in ["frame-000001.png", "still-000000.00.png", "residuals_cam0.png"] {
+        std::fs::write(desk.at("folder").join(name), "precious").expect("written");
+    }
     let before = desk.contents();
     for case in CASES {
         if case.words.contains("--residuals") {
@@ -335,16 +338,14 @@ fn deleting_a_trainee_deletes_no_other_recording() {
     let desk = Desk::new();
     let (store, task) = (desk.name("store.sqlite"), desk.name("task.mcap"));
     std::fs::copy(&task, desk.at("own.mcap")).expect("copied");
-    let add = |trainee: &str, file: &str| {
-        vitreo(&["results", "add", "--store", &store, trainee, file]).expect_code(0)
-    };
-    add("t2", &desk.name("own.mcap"));
-    // The same contents are t1's as well; and a file that was replaced is not t3's any more.
-    vitreo(&["results", "delete", "--store", &store, "t2", "--recordings"]).expect_code(3);
-    assert!(desk.at("own.mcap").exists() && Path::new(&task).exists());
+    let add = |trainee: &str| vitreo(&["results", "add", "--store", &store, trainee, &desk.name("own.mcap")]);
+    // The same contents are t1's attempt: nobody else made it.
+    let refused = add("t2").expect_code(1);
+    assert!(refused.stderr.contains("is attempt 1 of t1"), "{}", refused.stderr);
     vitreo(&["results", "delete", "--store", &store, "t1", "--recordings"]).expect_code(0);
-    assert!(!Path::new(&task).exists());
-    add("t3", &desk.name("own.mcap"));
+    assert!(!Path::new(&task).exists() && desk.at("own.mcap").exists());
+    // A file that was replaced is not t3's any more.
+    add("t3").expect_code(0);
     std::fs::write(desk.at("own.mcap"), "something else").expect("written");
     let done = vitreo(&["results", "delete", "--store", &store, "t3", "--recordings"]).expect_code(3);
     assert!(desk.at("own.mcap").exists() && done.stderr.contains("another one"), "{}", done.stderr);

@@ -354,8 +354,11 @@ fn a_damaged_attempt_is_named_and_the_others_are_given() {
     }
 }
 
-/// Attempts and trainees of a store, or the first error.
-fn output(path: &Path) -> Result<(Vec<Stored>, Vec<(String, usize)>), String> {
+/// Attempts and trainees of a store.
+type Output = (Vec<Stored>, Vec<(String, usize)>);
+
+/// Them, or the first error.
+fn output(path: &Path) -> Result<Output, String> {
     let give = || {
         let store = Store::open(path)?;
         Ok((store.attempts(&Filter::default())?, store.trainees()?))

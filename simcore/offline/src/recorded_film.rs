@@ -229,7 +229,11 @@ mod tests {
         assert_eq!(first_picture(5 * PICTURE_NS, PICTURE_NS), 5 * PICTURE_NS, "it is yet to come");
         for exposed in [2_416_000_000_123, 2_416_000_000_000, PICTURE_NS + NEAR_NS + 1] {
             let first = first_picture(0, exposed);
-            assert!(first % PICTURE_NS == 0 && first + NEAR_NS >= exposed && first < exposed + PICTURE_NS);
+            assert!(
+                first.is_multiple_of(PICTURE_NS)
+                    && first + NEAR_NS >= exposed
+                    && first < exposed + PICTURE_NS
+            );
         }
         first_picture(0, Nanos::MAX);
     }
