@@ -17,7 +17,7 @@ use ipc::{Receiver, Sender, instance_directory, wait};
 use output::Output;
 use protocol::control::{Command as ControlCommand, EVERY_PROCESS, Request};
 use protocol::health::{Health, Process, STATE_STARTING};
-use rustix::process::{Pid, Signal, kill_process, setpriority_process};
+use rustix::process::{Pid, Signal, kill_process};
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -42,8 +42,6 @@ const HEARTBEAT_WAIT: Duration = Duration::from_millis(50);
 pub struct Surroundings {
     /// Environment variables, set only where the user has not set them.
     pub environment: Vec<(&'static str, String)>,
-    /// Niceness, -20 to 19; a nicer process lets the others go first. Below 0 it needs a right.
-    pub nice: i32,
     /// Real-time scheduling, where this user may ask for it: it runs as soon as it wakes up.
     pub realtime: bool,
     /// Its standard input stays open, for [`Child::tell`].
@@ -103,10 +101,6 @@ impl Child {
         let mut child = child.with_context(|| format!("start {}", program.display()))?;
         let input = child.stdin.take().and_then(|input| input.into_owned_fd().ok()).map(File::from);
         let pid = child.id().context("the id of a child")?;
-        if surroundings.nice != 0 {
-            // Without it the child works too.
-            let _ = setpriority_process(Pid::from_raw(pid as i32), surroundings.nice);
-        }
         let output = Arc::new(Output::new(open_log(instance, process)));
         let (end, status) = watch::channel(None);
         let said_ready = Arc::<AtomicBool>::default();

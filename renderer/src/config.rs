@@ -77,6 +77,9 @@ pub struct Config {
     /// Destroy the graphics device after this many frames, to test that the other processes go on.
     #[arg(long, value_name = "FRAMES", hide = true)]
     pub lose_device_after: Option<u64>,
+    /// Niceness of the process; below 0 it needs a right, without which it stays as it is.
+    #[arg(long, value_name = "N", hide = true, allow_negative_numbers = true, value_parser = clap::value_parser!(i32).range(-20..20))]
+    pub niceness: Option<i32>,
     /// Begin at this quality tier, at which a predecessor was drawing.
     #[arg(long, value_name = "N", hide = true, value_parser = clap::value_parser!(u32).range(0..crate::governor::TIERS.len() as i64))]
     pub start_tier: Option<u32>,

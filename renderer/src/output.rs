@@ -20,7 +20,7 @@ use video::{Video, VideoError};
 /// Pictures in flight at most.
 const POOL: usize = 3;
 /// The thread's own niceness, on top of the process's.
-const NICENESS: i32 = 5;
+const NICENESS: i32 = 15;
 
 /// Files to write and their shape.
 #[derive(Debug, Clone)]

@@ -39,6 +39,7 @@ use protocol::limits::{MAX_PICTURE_BYTES, MAX_WAIT_MS};
 use protocol::poses::TrackerFrame;
 use protocol::scene::SceneHeader;
 use protocol::time::Nanos;
+use rustix::process::setpriority_process;
 use scene::SceneFile;
 use standby::Order;
 use user::User;
@@ -49,6 +50,10 @@ use user::User;
 /// If the scene, the rig or an asset cannot be read, there is no graphics driver or no display, the
 /// device is lost, or a file cannot be written.
 pub fn run(config: &Config) -> Result<()> {
+    // Before the driver starts its threads, which inherit it.
+    if let Some(niceness) = config.niceness {
+        let _ = setpriority_process(None, niceness);
+    }
     let Some(mut process) = start(config)? else { return Ok(()) };
     while !process.shell.stopping() {
         process.turn()?;

@@ -61,7 +61,10 @@ mod tests {
         let begin = |number: usize| {
             let wait = std::sync::Arc::clone(&wait);
             let name = format!("{NAME}{number}");
-            std::thread::Builder::new().name(name).spawn(move || drop(wait.lock().unwrap().recv())).unwrap()
+            std::thread::Builder::new()
+                .name(name)
+                .spawn(move || wait.lock().unwrap().recv().is_err())
+                .unwrap()
         };
         let mut threads: Vec<_> = (1..count).map(begin).collect();
         assert_eq!(place_named(NAME), 0, "one less than processors");
@@ -79,6 +82,6 @@ mod tests {
         }
         assert_eq!(taken.count(), allowed.count(), "of {count} processors");
         drop(tell);
-        threads.into_iter().for_each(|t| t.join().unwrap());
+        assert!(threads.into_iter().all(|t| t.join().unwrap()), "each ended with its sender");
     }
 }

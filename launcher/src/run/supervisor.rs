@@ -148,7 +148,8 @@ impl Supervisor {
             Process::Renderer => {
                 let threads = software_threads(realtime_allowed()).to_string();
                 surroundings.environment = vec![("LP_NUM_THREADS", threads)];
-                surroundings.nice = if realtime_allowed() { NICE_BESIDE_REALTIME } else { NICE_BESIDE_USUAL };
+                let niceness = if realtime_allowed() { NICE_BESIDE_REALTIME } else { NICE_BESIDE_USUAL };
+                args.extend(["--niceness".into(), niceness.to_string()]);
             }
             // A field must not wait for a time slice of the renderer's to end.
             _ => surroundings.realtime = true,
