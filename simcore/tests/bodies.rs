@@ -67,3 +67,34 @@ fn a_checkpoint_of_other_bodies_is_refused() {
     World::new(&other).unwrap().save(&mut saved).unwrap();
     assert!(World::new(&scene).unwrap().restore(&saved).is_err());
 }
+
+/// What the forceps carry in the module lies between their jaws near the tips, and the jaws are nearly closed:
+/// less than 26°, where bars as wide as high took 36°.
+#[test]
+fn jaws_are_nearly_closed_about_a_bar_that_they_carry() {
+    let module = surgeon::load("forceps").unwrap();
+    let mut carried = 0;
+    for level in 1..=3 {
+        let scene = surgeon::compose(&module, level, &surgeon::skill::EXPERT, 1).unwrap();
+        let rehearsal = Rehearsal::shipped(&scene);
+        let (mut world, mut held) = (World::new(&scene).unwrap(), None);
+        for field in 0..rehearsal.fields() - 25 {
+            world.step(&rehearsal.inputs(field).input(), &mut no_clock);
+            let grip = world.state().bodies.as_ref().unwrap().grip[0];
+            if let (Some(grip), None) = (grip, held) {
+                let at = grip.instrument_from_body;
+                let [x, y, z] = at.translation.vector.into();
+                let told = format!(
+                    "level {level}, bar {}: open by {:.3} rad, at {x:.2} {y:.2} {z:.2} mm",
+                    grip.body, grip.opening_rad
+                );
+                println!("{told}");
+                assert!(grip.opening_rad < 0.45, "{told}");
+                assert!(x.abs() < 0.1 && y.abs() < 0.6 && (0.0..0.4).contains(&z), "{told}");
+                carried += 1;
+            }
+            held = grip;
+        }
+    }
+    assert_eq!(carried, 2 + 3 + 3, "bars carried");
+}
