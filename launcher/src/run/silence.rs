@@ -73,13 +73,16 @@ impl SilenceWatch {
     pub fn note(&mut self, counts: [u64; CHANNELS.len()], at_ns: Nanos, at_s: f64) -> Option<Finding> {
         let step = at_ns.saturating_sub(self.at_ns).min(LONGEST_STEP_NS);
         self.at_ns = at_ns;
+        // A process whose input does not come owes nothing, and is judged from its return on.
+        let mut is_fed = true;
         for output in &mut self.outputs {
             let count = counts[output.channel];
-            output.silent_ns += step;
+            output.silent_ns = if is_fed { output.silent_ns + step } else { 0 };
             if count != output.count {
                 (output.count, output.silent_ns) = (count, 0);
                 end(&mut self.warnings, output.warning.take(), at_s);
             }
+            is_fed &= output.silent_ns < STARVED_NS;
         }
         let first = self.outputs.iter_mut().find(|o| o.silent_ns >= STARVED_NS)?;
         if first.silent_ns < SILENT_NS || first.warning.is_some() || self.warnings.len() >= KEPT {
@@ -146,6 +149,19 @@ mod tests {
         assert_eq!(warning.to_s, Some(3.0));
         assert_eq!(second(&mut watch, 4_000, &["blobs", "poses"]), ["silence of simcore"]);
         assert_eq!(second(&mut watch, 5_000, &[]), ["silence of the camera side"]);
+    }
+
+    #[test]
+    fn who_got_nothing_is_judged_from_when_it_gets_something() {
+        let mut watch = SilenceWatch::new(false);
+        assert!(second(&mut watch, 0, &["blobs", "poses", "steps"]).is_empty());
+        assert_eq!(second(&mut watch, 1_000, &["blobs"]), ["silence of tracker"]);
+        // The poses are back, a call before the steps.
+        let counts = |steps| CHANNELS.map(|c| if c == "steps" { steps } else { 9_000 });
+        assert!(watch.note(counts(7), 2_000 * MS, 2.0).is_none(), "{:?}", watch.warnings());
+        assert!(watch.note(counts(8), 2_010 * MS, 2.01).is_none());
+        assert_eq!(second(&mut watch, 3_000, &["blobs", "poses"]), ["silence of simcore"]);
+        assert_eq!(watch.warnings().len(), 2);
     }
 
     #[test]
