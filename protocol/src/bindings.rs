@@ -226,7 +226,7 @@ pub fn push_with_keys(text: &str, at_desk: bool, out: &mut String) {
 /// What a window offers when an attempt is over, with its keys.
 pub fn next_steps() -> String {
     let offers = [(Action::Next, "next level"), (Action::Restart, "again"), (Action::Quit, "end")];
-    offers.map(|(action, what)| format!("{}: {what}", first_key(&action).to_uppercase())).join("   ")
+    offers.map(|(action, what)| format!("{}: {what}", first_key(&action).to_uppercase())).join(", ")
 }
 
 /// The help of a window, a line each: the first key of keyboard or mouse of every action. With
@@ -293,7 +293,7 @@ mod tests {
 
     #[test]
     fn the_end_of_an_attempt_offers_what_keys_do() {
-        assert_eq!(next_steps(), "N: next level   F5: again   F10: end");
+        assert_eq!(next_steps(), "N: next level, F5: again, F10: end");
     }
 
     #[test]

@@ -323,7 +323,7 @@ impl Renderer {
         self.overlay.set_at_desk(at_desk);
     }
 
-    /// Sets what a page of the scene ends with, as what a person can do next; empty for nothing.
+    /// Sets what the page of an attempt that is over ends with: what a person can do next; empty for nothing.
     pub fn set_next_steps(&mut self, steps: &str) {
         self.overlay.set_next_steps(steps);
     }

@@ -2,7 +2,7 @@
 
 use crate::latch::Latched;
 use protocol::bindings::push_with_keys;
-use protocol::scene_text::{Place, lines, push_line, push_sentence};
+use protocol::scene_text::{Place, Row, lines, push_line, push_sentence};
 
 /// Text over the picture, from every source; [`Self::collect`] joins it for a frame.
 #[derive(Debug, Default)]
@@ -52,7 +52,7 @@ impl OverlayText {
         self.held.push_str(mark);
     }
 
-    /// Sets what a page of the scene ends with; empty for nothing.
+    /// Sets what the page of an attempt that is over ends with; empty for nothing.
     pub fn set_next_steps(&mut self, steps: &str) {
         self.next_steps.clear();
         self.next_steps.push_str(steps);
@@ -76,7 +76,7 @@ impl OverlayText {
         self.lines.push_str(&self.overlay);
         if !self.hides_scene_text {
             self.lines.push_str(&self.scene);
-            if !self.next_steps.is_empty() && lines(&self.scene).any(|(place, _)| place == Place::Page) {
+            if !self.next_steps.is_empty() && shows_points(&self.scene) {
                 push_line(&mut self.lines, Place::Page, &self.next_steps);
             }
         }
@@ -86,6 +86,11 @@ impl OverlayText {
     pub fn lines(&self) -> &str {
         &self.lines
     }
+}
+
+/// True for the page of an attempt that is over: it has bars of points.
+fn shows_points(scene: &str) -> bool {
+    lines(scene).any(|(place, line)| place == Place::Page && matches!(Row::of(line), Row::Bar { .. }))
 }
 
 /// Names the bodies that are not tracked.
@@ -110,7 +115,7 @@ mod tests {
     use protocol::scene::SceneHeader;
 
     #[test]
-    fn every_source_has_its_place_and_a_page_ends_with_what_to_do_next() {
+    fn every_source_has_its_place_and_an_end_page_says_what_to_do_next() {
         let mut overlay = OverlayText::new();
         let latched =
             Latched { tracked: [true, false], eye_tracked: true, ..latch_scene(&SceneHeader::zeroed()) };
@@ -121,9 +126,13 @@ mod tests {
         overlay.collect(&latched);
         let begin = "<Tier 6\n<Fixed by --tier\n^Picture held for 1.2 s\n^Tracking lost: instrument 2\n";
         assert_eq!(overlay.lines(), format!("{begin}_Next: the edge\n"));
-        overlay.set_scene("=#Over\n".as_bytes());
+        overlay.set_scene("=#Before\n".as_bytes());
         overlay.collect(&latched);
-        assert_eq!(overlay.lines(), format!("{begin}=#Over\n=N: next level\n"));
+        assert_eq!(overlay.lines(), format!("{begin}=#Before\n"), "nothing is over yet");
+        overlay.set_scene("=#Over\n=|0.5|Efficiency|10 of 20\n".as_bytes());
+        overlay.collect(&latched);
+        let page = "=#Over\n=|0.5|Efficiency|10 of 20\n=N: next level\n";
+        assert_eq!(overlay.lines(), format!("{begin}{page}"));
         overlay.set_scene("_Cut {use}\n".as_bytes());
         overlay.collect(&latched);
         assert_eq!(overlay.lines(), format!("{begin}_Cut\n"));
