@@ -85,6 +85,7 @@ fn the_service_asks_for_what_its_document_says() {
         "RestartPreventExitStatus=2",
         "User=vitreo",
         "LimitRTPRIO=50",
+        "LimitNICE=-5",
         "LimitMEMLOCK=infinity",
     ] {
         assert!(unit.lines().any(|l| l == line), "{line} is missing");

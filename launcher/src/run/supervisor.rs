@@ -25,7 +25,7 @@ const OWN_SLEEP_NS: u64 = 1_000_000_000;
 const NICE_BESIDE_REALTIME: i32 = -5;
 /// The same where the others cannot be real-time processes: they still go first.
 const NICE_BESIDE_USUAL: i32 = 10;
-/// How long a start waits for a renderer that prepares to take over.
+/// How long a start waits for the standby renderer.
 const PREPARE_NS: u64 = 15_000_000_000;
 
 /// A change in the state of a process.
@@ -176,8 +176,8 @@ impl Supervisor {
     /// Names of the processes that are not ready yet.
     pub fn awaited(&self) -> Vec<&'static str> {
         let late = self.slots.iter().filter(|s| !s.ready || s.child.is_none());
-        let reserve = self.all_ready().then_some("the renderer in reserve");
-        late.map(|s| s.process.name()).chain(reserve).collect()
+        let standby = self.all_ready().then_some("the standby renderer");
+        late.map(|s| s.process.name()).chain(standby).collect()
     }
 
     /// Takes a heartbeat.

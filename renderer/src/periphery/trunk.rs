@@ -154,7 +154,7 @@ fn best_heading(photograph: &Photograph, at: &Tip) -> (f32, Tip) {
         .fold((0.0, *at), |best, now| if now.0 > best.0 { now } else { best })
 }
 
-/// The tip moved across onto the vessel's middle, with the profile there.
+/// The tip moved across onto the vessel's middle, and by how much, mm.
 fn centred(photograph: &Photograph, tip: &Tip) -> (Tip, f32) {
     let aside_mm = Profile::across(photograph, tip).darkest_mm();
     (moved(tip, aside_mm, FRAC_PI_2), aside_mm)

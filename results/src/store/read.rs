@@ -97,7 +97,11 @@ pub(super) fn seal(connection: &Connection, only: Option<i64>) -> rusqlite::Resu
 fn checked(points: &mut Statement, row: &Row) -> Result<Stored, String> {
     let found = whole(points, row).map_err(|e| e.to_string())?;
     let kept: Option<String> = row.get(18).map_err(|e| e.to_string())?;
-    if kept.as_ref() == Some(&checksum(&found)) { Ok(found) } else { Err("its checksum is another".into()) }
+    if kept.as_ref() == Some(&checksum(&found)) {
+        Ok(found)
+    } else {
+        Err("its checksum does not match".into())
+    }
 }
 
 /// The attempt of a row with its points.
