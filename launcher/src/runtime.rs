@@ -9,10 +9,10 @@ use ipc::Wakes;
 use std::future::{Future, pending, poll_fn};
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::task::Poll;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
 use tokio::runtime::Builder;
@@ -21,6 +21,9 @@ use tokio::sync::watch;
 
 /// Exit code of a program that Ctrl-C ended.
 pub const INTERRUPTED: u8 = 130;
+/// Signals this soon after the first say the same thing: `timeout` signals its program and then the
+/// program's whole group, a terminal that closes sends two kinds.
+const SAME_REQUEST: Duration = Duration::from_millis(500);
 
 /// Runs a command to its end.
 ///
@@ -31,7 +34,8 @@ pub fn block_on<T>(command: impl Future<Output = anyhow::Result<T>>) -> anyhow::
     runtime.context("start the runtime")?.block_on(command)
 }
 
-/// Raised by Ctrl-C, SIGTERM and SIGHUP; the second of them ends the program at once.
+/// Raised by Ctrl-C, SIGTERM and SIGHUP; one that comes half a second or more after the first ends
+/// the program at once.
 #[derive(Debug, Clone)]
 pub struct StopSignal(watch::Receiver<bool>);
 
@@ -42,14 +46,16 @@ impl StopSignal {
     /// Where the system refuses a handler.
     pub fn install() -> anyhow::Result<Self> {
         let (raise, raised) = watch::channel(false);
+        let first = Arc::new(OnceLock::new());
         for kind in [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup()] {
             let mut signals = signal(kind).context("signals")?;
-            let raise = raise.clone();
+            let (raise, first) = (raise.clone(), Arc::clone(&first));
             tokio::spawn(async move {
                 while signals.recv().await.is_some() {
-                    if raise.send_replace(true) {
+                    if first.get_or_init(Instant::now).elapsed() >= SAME_REQUEST {
                         std::process::exit(INTERRUPTED.into());
                     }
+                    raise.send_replace(true);
                 }
             });
         }
@@ -128,7 +134,6 @@ mod tests {
     use super::*;
     use ipc::{Instance, Queue};
     use protocol::control::Request;
-    use std::time::Instant;
 
     #[test]
     fn a_notification_wakes_and_silence_ends_with_the_limit() {

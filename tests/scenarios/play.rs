@@ -7,8 +7,9 @@ use protocol::health::{Process, STATE_RUNNING};
 use protocol::inputs::{Input, InputEvent, Key, Origin};
 use protocol::limits::MAX_STEP_NS;
 use protocol::steps::StepRecord;
+use rustix::process::Signal;
 use std::path::Path;
-use vitreo_tests::{Observer, Running, instance_name, kill, next, vitreo};
+use vitreo_tests::{Observer, Running, instance_name, kill, next, signal, vitreo};
 
 /// The inputs: six balls, 2.2 s each.
 const INPUTS: &str = "tests/data/inputs/navigation-1.txt";
@@ -53,6 +54,21 @@ fn level_1_of_navigation_is_finished_by_inputs_alone() {
     let typo = results(&["--trainee", "t8"]).expect_code(1).stderr;
     assert!(typo.contains("no trainee 't8'") && typo.contains("t7"), "{typo}");
     assert!(told.stdout.contains("level 1: score"), "{}", told.stdout);
+}
+
+/// As `timeout` and a terminal that closes send them: only a later one is impatience.
+#[test]
+fn signals_that_come_together_end_a_run_in_order() {
+    let folder = tempfile::tempdir().expect("folder");
+    let (file, name) = (folder.path().join("a.mcap").display().to_string(), instance_name());
+    let running =
+        Running::start(&["run", "--no-picture", "--direct", "--record", &file, "--instance", &name]);
+    Observer::join(&name).health(Process::Simcore, |h| h.received > 0);
+    for kind in [Signal::INT, Signal::TERM, Signal::HUP] {
+        signal(running.pid(), kind);
+    }
+    running.finish().expect_code(0);
+    vitreo(&["info", &file]).expect_code(0);
 }
 
 #[test]
