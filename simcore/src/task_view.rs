@@ -219,7 +219,8 @@ fn end_screen(world: &World, out: &mut String) {
 }
 
 /// The page of an attempt that is over: what was practised, how it ended, the points of all and of
-/// each category, and what was hurt.
+/// each category, and what was hurt. Tissue treatment shows what it had before the injuries took
+/// their points, which have a line of their own.
 pub fn push_result(scene: &TaskScene, score: &Score, out: &mut String) {
     Row::Title(&heading(scene)).push(out);
     let end = match (score.failed, score.finished) {
@@ -228,13 +229,14 @@ pub fn push_result(scene: &TaskScene, score: &Score, out: &mut String) {
         (None, false) => "Time is over".into(),
     };
     Row::Plain(&format!("{end}: {:.0} of 100 points (± {:.1})", score.total, score.sigma)).push(out);
+    let lost = score.metrics[Id::Injuries as usize].value.unwrap_or(0.0);
     for category in Category::ALL {
-        let (points, most) = (score.categories[category as usize], category.points());
+        let taken = if category == Category::Tissue { lost } else { 0.0 };
+        let (points, most) = (score.categories[category as usize] + taken, category.points());
         let name: String = capitalised(category.name()).collect();
         let share = (points / most.max(1e-9)) as f32;
         Row::Bar { name: &name, share, value: &format!("{points:.0} of {most:.0}") }.push(out);
     }
-    let lost = score.metrics[Id::Injuries as usize].value.unwrap_or(0.0);
     let injuries: Vec<String> = PENALTIES
         .iter()
         .zip(score.injuries)

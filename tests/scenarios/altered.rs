@@ -174,6 +174,32 @@ fn a_flipped_byte_in_a_chunk_costs_what_lies_in_it() {
     assert!(found.reasons().join("; ").contains("damaged at byte"), "{:?}", found.reasons());
 }
 
+/// No picture is made for the time between the machine's start and the first step that is left.
+#[test]
+fn a_film_of_a_recording_with_damaged_first_chunks_is_no_longer_than_the_recording() {
+    let recorded = record();
+    let mut bytes = std::fs::read(&recorded.original).expect("bytes");
+    // MCAP: 8 bytes, then records of a kind, 6 for a chunk, and a length of 8 bytes.
+    let (mut at, mut damaged) = (8, 0);
+    while damaged < 4 {
+        let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().expect("8 bytes")) as usize;
+        if bytes[at] == 6 {
+            bytes[at + 9 + length / 2] ^= 0x40;
+            damaged += 1;
+        }
+        at += 9 + length;
+    }
+    let copy = recorded.folder.path().join("damaged.mcap");
+    std::fs::write(&copy, bytes).expect("copy");
+    let stills = recorded.folder.path().join("stills");
+    let [copy, folder] = [&copy, &stills].map(|p| p.display().to_string());
+    let film = ["film", &copy, "--tier", "8", "--every", "1", "--stills", &folder];
+    assert!(vitreo(&film).expect_code(3).stderr.contains("damaged at byte"));
+    let drawn = std::fs::read_dir(&stills).expect("stills").count();
+    // It begins at the first checkpoint that is left.
+    assert!((5..=12).contains(&drawn), "{drawn} stills of 12 s, one a second");
+}
+
 fn golden() -> PathBuf {
     repository().join("tests/data/golden/peel-2s.mcap")
 }

@@ -51,6 +51,7 @@ const CASES: &[Case] = &[
     Case { words: "colours learn red=IN -o OUT", input: "picture.png" },
     Case { words: "colours show IN --picture OUT", input: "colours.toml" },
     Case { words: "calibrate drift --rig rig.json IN --residuals OUT", input: "b.jsonl" },
+    Case { words: "calibrate drift --rig rig.json IN -o OUT", input: "b.jsonl" },
     Case { words: "calibrate waved IN --instants 20 -o OUT", input: "a.mcap" },
     // A file is a recording, whatever its name; a film's name has its ending.
     Case { words: "film IN --tier 8 --until 0.1 -o OUT", input: "film.mp4" },
@@ -273,9 +274,15 @@ fn on_a_full_disk_a_file_is_whole_or_absent() {
 #[test]
 fn a_reader_who_leaves_ends_no_command_and_a_full_disk_is_told() {
     let desk = Desk::new();
-    let (program, recording) = (binaries().join("vitreo").display().to_string(), desk.name("a.mcap"));
+    let program = binaries().join("vitreo").display().to_string();
+    let names = [
+        ("vitreo", program),
+        ("FILE", desk.name("a.mcap")),
+        ("COLOURS", desk.name("colours.toml")),
+        ("PICTURE", desk.name("picture.png")),
+    ];
     let shell = |line: &str| {
-        let line = line.replace("vitreo", &program).replace("FILE", &recording);
+        let line = names.iter().fold(line.to_owned(), |line, (word, name)| line.replace(word, name));
         Command::new("bash").args(["-c", &format!("set -o pipefail; {line}")]).output().expect("bash")
     };
     for line in [
@@ -294,6 +301,8 @@ fn a_reader_who_leaves_ends_no_command_and_a_full_disk_is_told() {
         "vitreo score --doc > /dev/full",
         "vitreo hardware > /dev/full",
         "vitreo colours show > /dev/full",
+        "vitreo colours check COLOURS PICTURE > /dev/full",
+        "vitreo calibrate drift --json FILE > /dev/full",
     ] {
         let (done, told) = (shell(line), "the disk is full");
         assert_eq!(done.status.code(), Some(1), "{line}: {done:?}");

@@ -18,7 +18,7 @@ use scene::{Goal, TaskScene};
 use simcore::task_view::{MAX_TEXT, push_result, push_start, push_task};
 use simcore::world::World;
 use training::score::Score;
-use training::score::table::{Category, INJURIES, PENALTIES};
+use training::score::table::{Category, INJURIES, Id, PENALTIES};
 
 /// Sizes of a channel at which nothing may be cut: those of pictures in files, and of windows.
 fn whole_sizes() -> Vec<[u32; 2]> {
@@ -158,6 +158,12 @@ fn the_page_of_every_result_and_the_help_keep_their_place() {
             [false, true].into_iter().for_each(|crowd| check(&mut face, &moment(&page, crowd)));
         }
     }
+    // Points and what injuries took are told apart: nobody has -20 of 20 points.
+    let (mut score, mut page) = (begun.clone(), String::new());
+    (score.categories[Category::Tissue as usize], score.injuries) = (-20.0, [12; INJURIES]);
+    score.metrics[Id::Injuries as usize].value = Some(28.0);
+    push_result(&tasks()[0], &score, &mut page);
+    assert!(page.contains("8 of 20") && page.contains("took 28 points") && !page.contains('-'), "{page}");
     let mut text = String::new();
     help(true).lines().for_each(|line| Row::Plain(line).push(&mut text));
     check(&mut face, &text);

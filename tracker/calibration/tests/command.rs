@@ -148,8 +148,11 @@ fn a_drifted_rig_ends_with_5_and_a_refined_one_with_0() {
     let told = report(&["waved", "--json", "--rig", &rig, &blobs, "-o", &refined]);
     let [before, after] = ["before", "after"].map(|n| figure(&told, &format!("rms of residuals {n}")));
     assert!(after < 0.75 * before, "{told}");
-    let told = report(&["drift", "--json", "--rig", &refined, &blobs]);
+    let kept = folder.path().join("drift.json").display().to_string();
+    let told = report(&["drift", "--json", "--rig", &refined, &blobs, "-o", &kept]);
     assert!(figure(&told, "camera 0: systematic") < 0.01, "{told}");
+    let written: serde_json::Value = serde_json::from_slice(&std::fs::read(&kept).unwrap()).unwrap();
+    assert_eq!(written, told, "-o keeps what is told");
 }
 
 #[test]
