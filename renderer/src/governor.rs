@@ -79,6 +79,8 @@ pub const TIERS: [Tier; 9] = [
 
 /// The tier a software adapter starts at.
 pub const SOFTWARE_START: usize = 5;
+/// The best tier with lean shading, and the best for which a software driver makes room.
+pub const FIRST_LEAN: usize = 3;
 /// The tier a real GPU starts at.
 pub const HARDWARE_START: usize = 1;
 /// The least tier that a surgeon can train with; a frame at a lower one breaks the budget.

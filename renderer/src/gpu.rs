@@ -1,7 +1,8 @@
 //! The graphics device: Vulkan where there is one, else OpenGL; for a window or headless.
 
+use crate::governor::FIRST_LEAN;
 use std::sync::{Arc, OnceLock};
-use wgpu::{Adapter, Backends, Device, DeviceType, Instance, Queue, Surface, SurfaceTarget};
+use wgpu::{Adapter, Backend, Backends, Device, DeviceType, Instance, Queue, Surface, SurfaceTarget};
 
 /// Why nothing can be drawn.
 #[derive(Debug, thiserror::Error)]
@@ -19,6 +20,17 @@ pub enum GpuError {
         name: String,
         /// Its answer.
         problem: String,
+    },
+    /// OpenGL draws full shading as a black field (seen with Mesa 22.3's llvmpipe).
+    #[error(
+        "tier {tier} has full shading, which is drawn through Vulkan alone and not by {name}; install a \
+         driver with `sudo apt-get install mesa-vulkan-drivers`, or take --tier {FIRST_LEAN} or higher"
+    )]
+    LeanOnly {
+        /// What was asked for.
+        tier: usize,
+        /// The adapter.
+        name: String,
     },
     /// The device went away.
     #[error("graphics device lost: {0}")]
@@ -38,6 +50,8 @@ pub struct Gpu {
     pub name: String,
     /// True if the processor draws.
     pub is_software: bool,
+    /// True if it draws tiers of lean shading alone, as through OpenGL.
+    pub is_lean: bool,
     /// Why the device went away, once it has.
     lost: Arc<OnceLock<String>>,
 }
@@ -48,13 +62,16 @@ impl Gpu {
     /// # Errors
     /// If no driver answers or it refuses the device.
     pub fn headless() -> Result<Self, GpuError> {
-        for backends in interfaces() {
-            let instance = instance(backends);
-            if let Some(adapter) = adapter(&instance, None) {
-                return Self::open(adapter);
-            }
-        }
-        Err(GpuError::NoAdapter)
+        let mut opened = interfaces().into_iter().map(Self::headless_through);
+        opened.find(|gpu| !matches!(gpu, Err(GpuError::NoAdapter))).unwrap_or(Err(GpuError::NoAdapter))
+    }
+
+    /// The same through one of `backends`.
+    ///
+    /// # Errors
+    /// If none of them answers or the driver refuses the device.
+    pub fn headless_through(backends: Backends) -> Result<Self, GpuError> {
+        Self::open(adapter(&instance(backends), None).ok_or(GpuError::NoAdapter)?)
     }
 
     /// Opens a device that can show on `target`, and its surface.
@@ -102,7 +119,17 @@ impl Gpu {
         device.set_device_lost_callback(move |reason, message| {
             let _ = tell.set(format!("{name_of_device}: {reason:?}, {message}"));
         });
-        Ok(Self { adapter, device, queue, name, is_software: info.device_type == DeviceType::Cpu, lost })
+        let (is_software, is_lean) = (info.device_type == DeviceType::Cpu, info.backend == Backend::Gl);
+        Ok(Self { adapter, device, queue, name, is_software, is_lean, lost })
+    }
+
+    /// Asks for a tier that the user has chosen.
+    ///
+    /// # Errors
+    /// If it has full shading and this adapter cannot draw that.
+    pub fn check_tier(&self, tier: usize) -> Result<(), GpuError> {
+        let refused = self.is_lean && tier < FIRST_LEAN;
+        if refused { Err(GpuError::LeanOnly { tier, name: self.name.clone() }) } else { Ok(()) }
     }
 
     /// Waits until everything submitted is done.

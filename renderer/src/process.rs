@@ -11,7 +11,7 @@ use crate::compose::Composer;
 use crate::config::{Config, IDLE_REDRAW_NS, STATUS_NS, STILL_NS, VIDEO_HZ};
 use crate::costs::Costs;
 use crate::frame::Renderer;
-use crate::governor::{FLOOR, Governor, TIERS};
+use crate::governor::{FIRST_LEAN, FLOOR, Governor, TIERS};
 use crate::gpu::Gpu;
 use crate::gpu_clock::GpuClock;
 use crate::latch::{Latched, latch, latch_scene};
@@ -116,7 +116,9 @@ impl Prepared {
     fn new(config: &Config, hurry: Hurry<'_>) -> Result<Self> {
         let scene = SceneFile::load(&config.scene).context("the renderer needs the scene")?;
         let (gpu, present) = Present::open(config.window_config().as_ref())?;
-        let first_tier = start::first_tier(&gpu, config.tier.map(|t| t as usize));
+        let fixed = config.tier.map(|t| t as usize);
+        fixed.map_or(Ok(()), |tier| gpu.check_tier(tier))?;
+        let first_tier = start::first_tier(&gpu, fixed);
         let folder = instance_directory(&config.shell.instance)?;
         let assets = Assets::load(&config.fundus, config.instruments.as_deref())?.kept_in(folder);
         let (renderer, costs) = start::renderer(&gpu, &scene, config, &assets, first_tier, hurry, now)?;
@@ -154,6 +156,9 @@ impl RendererShell {
         start_tier: Option<usize>,
     ) -> Result<Self> {
         let Prepared { gpu, present, renderer, costs, first_tier } = prepared;
+        if gpu.is_lean {
+            tracing::warn!("without Vulkan: {} draws tiers {FIRST_LEAN} to {}", gpu.name, TIERS.len() - 1);
+        }
         let limit_ns = (Budgets::default().of(Stage::Rendering).limit_ms * 1e6) as u64;
         let fixed = config.tier.map(|t| t as usize);
         let start_tier = start_tier.map_or(start::start_tier(&gpu), |t| t.max(first_tier));

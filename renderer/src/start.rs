@@ -6,7 +6,7 @@ use crate::compose::output_px;
 use crate::config::Config;
 use crate::costs::Costs;
 use crate::frame::{Renderer, RendererConfig};
-use crate::governor::{HARDWARE_START, SOFTWARE_START, TIERS};
+use crate::governor::{FIRST_LEAN, HARDWARE_START, SOFTWARE_START, TIERS};
 use crate::gpu::Gpu;
 use crate::latch::{Latched, latch_scene};
 use crate::reference_scene::{Contents, SceneBlock};
@@ -22,8 +22,6 @@ use protocol::scene::{NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneMark, 
 use protocol::time::Nanos;
 use scene::SceneFile;
 
-/// The best tier for which a software driver makes room.
-const SOFTWARE_BEST: usize = 3;
 /// Edge of the fundus map on a software driver: about the texels that its best tiers can show; the
 /// others use its mip levels.
 const SOFTWARE_MAP_PX: u32 = 1024;
@@ -38,13 +36,14 @@ const SHAFT_LENGTH_MM: f64 = 60.0;
 
 /// The best tier for which resources are made.
 pub fn first_tier(gpu: &Gpu, fixed: Option<usize>) -> usize {
-    let best = if gpu.is_software { SOFTWARE_BEST } else { 0 };
+    let best = if gpu.is_software || gpu.is_lean { FIRST_LEAN } else { 0 };
     fixed.map_or(best, |tier| tier.min(best))
 }
 
 /// The tier to begin with.
 pub fn start_tier(gpu: &Gpu) -> usize {
-    if gpu.is_software { SOFTWARE_START } else { HARDWARE_START }
+    let tier = if gpu.is_software { SOFTWARE_START } else { HARDWARE_START };
+    tier.max(first_tier(gpu, None))
 }
 
 /// Size of a channel of a video's pictures: that of the fixed tier in files, or of one that a machine

@@ -98,7 +98,9 @@ impl<'a> Film<'a> {
         let assets = Assets::load(&args.fundus, None)?;
         let rig = Rig::load_or_shipped(args.rig.as_deref()).context("--rig")?;
         let config = renderer_config(&scene, &rig, args.tier as usize, HARDWARE_MAP_PX);
-        let offscreen = Offscreen::with_assets(Gpu::headless()?, config, &assets);
+        let gpu = Gpu::headless()?;
+        gpu.check_tier(args.tier as usize)?;
+        let offscreen = Offscreen::with_assets(gpu, config, &assets);
         Ok(Film { args, outputs, offscreen, picture: Picture::default(), video: None, number: 0, stills: 0 })
     }
 

@@ -6,6 +6,7 @@ mod device_lost;
 mod edges;
 mod focus;
 mod geometry;
+mod interfaces;
 mod markers;
 mod membranes;
 mod optics;
