@@ -151,9 +151,10 @@ fn processor_ms() -> f64 {
 /// Measures and prints, one line a tier.
 ///
 /// # Errors
-/// If there is no graphics driver, or the device is lost.
+/// If there is no graphics driver, it cannot draw the tier that was asked for, or the device is lost.
 pub fn render(args: &RenderArgs) -> Result<()> {
     let mut bench = Bench::open(&args.subject)?;
+    args.tier.map_or(Ok(()), |tier| bench.gpu.check_tier(tier as usize))?;
     let name = bench.gpu.name.clone();
     if !args.json {
         let layer = if bench.gpu.is_software { "processor time" } else { "wall time" };
@@ -167,6 +168,10 @@ pub fn render(args: &RenderArgs) -> Result<()> {
     }
     let wanted = |index: usize| args.tier.is_none_or(|only| only as usize == index);
     for (index, tier) in TIERS.iter().enumerate().filter(|(index, _)| wanted(*index)) {
+        if let Err(why) = bench.gpu.check_tier(index) {
+            eprintln!("tier {index} is left out: {why}");
+            continue;
+        }
         let row = bench.row(index)?;
         if args.json {
             print_json(&name, &args.subject, index, tier, &row)
