@@ -18,7 +18,7 @@ BIN := $(DESTDIR)$(PREFIX)/bin
 PROGRAMS := $(DESTDIR)$(PREFIX)/lib/vitreo
 SHARE := $(DESTDIR)$(PREFIX)/share
 INSTALLED = $(addprefix $(TARGET)/release/,vitreo vitreo-calibration vitreo-desk vitreo-fpga-model \
-	vitreo-offline vitreo-renderer vitreo-simcore vitreo-tracker vitreo-virtual-rig)
+	vitreo-renderer vitreo-replay vitreo-simcore vitreo-tracker vitreo-virtual-rig)
 AS_ROOT := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 # sudo where the nearest folder that there is above the place of installation may not be written.
 IN_PREFIX = $(shell at="$(DESTDIR)$(PREFIX)"; until [ -e "$$at" ]; do at=$$(dirname "$$at"); done; \
@@ -64,7 +64,7 @@ demo: setup ## Run 20 s of surgery, judge its latencies; leave recording, report
 	cargo build --release
 	@mkdir -p out
 	$(RELEASE) run --headless --instance demo --duration 20 --force --record out/demo.mcap --report out/report.json
-	$(RELEASE) replay out/demo.mcap --instance demo --lockstep --verify
+	$(RELEASE) replay out/demo.mcap --lockstep --verify
 	@echo; echo "drawn again from the recording, as a good graphics card draws it live:"
 	$(RELEASE) film out/demo.mcap --force --stills out/stills --every 2
 	$(RELEASE) film out/demo.mcap --force --tier 2 -o out/demo.mp4
@@ -86,7 +86,7 @@ test: setup ## Format, lint, build and run every check
 	@rm -f $(SKIPPED); mkdir -p $(dir $(SKIPPED))
 	VITREO_SKIPPED=$(SKIPPED) cargo test --release --workspace
 	@echo "the same bits without optimisation's and with debug's checks:"
-	cargo test -p tracker -p offline --no-default-features --lib --test streams
+	cargo test -p tracker -p replay --no-default-features --lib --test streams
 	@if [ -s $(SKIPPED) ]; then echo "$$(wc -l < $(SKIPPED)) tests were skipped:"; sort $(SKIPPED); \
 		else echo "no test was skipped"; fi
 
@@ -107,7 +107,7 @@ hour-live: setup ## Run an hour live with the picture and a recording, then veri
 	cargo build --release
 	@mkdir -p out
 	$(RELEASE) run --headless --instance hour --duration 3600 $(LIVE) --force --assert-tracking 0.99 --record out/hour.mcap --report out/hour.json
-	$(RELEASE) replay out/hour.mcap --instance hour --lockstep --verify
+	$(RELEASE) replay out/hour.mcap --lockstep --verify
 
 fuzz: setup ## Try hostile inputs on every reader and message, 60 s each (FUZZ="--seconds 10 rig-json", FUZZ="--whole wire")
 	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/fuzz/rustc-with-coverage cargo build --workspace --bin fuzz

@@ -3,6 +3,7 @@
 use crate::forward::{self, ForwardArgs};
 use clap::{Parser, Subcommand};
 use ipc::logging::LogArgs;
+use settings::commands::{ExportArgs, ImportArgs, InfoArgs, RecoverArgs, ReplayArgs, TraceArgs};
 use settings::{Program, SettingsArgs};
 use std::process::ExitCode;
 
@@ -10,6 +11,8 @@ use std::process::ExitCode;
 const CAMERA: &str = "vitreo-fpga-model";
 /// The binary of the picture.
 const RENDERER: &str = "vitreo-renderer";
+/// The binary of recordings that are run again.
+pub const REPLAY: &str = "vitreo-replay";
 /// The binary of the calibrations.
 pub const CALIBRATION: &str = "vitreo-calibration";
 
@@ -48,17 +51,17 @@ pub enum Command {
     /// Pause, restart, take the next level of or end a running simulator.
     Ctl(crate::ctl::CtlArgs),
     /// Run a recording through tracker and tissue again.
-    Replay(crate::replay::ReplayArgs),
+    Replay(ReplayArgs),
     /// Make a recording from a rig and a blob stream.
-    Import(crate::import::ImportArgs),
+    Import(ImportArgs),
     /// Write the contents of a recording as CSV or JSON lines.
-    Export(crate::export::ExportArgs),
+    Export(ExportArgs),
     /// Mend a truncated recording.
-    Recover(crate::recover::RecoverArgs),
+    Recover(RecoverArgs),
     /// Say what a recording holds.
-    Info(crate::info::InfoArgs),
+    Info(InfoArgs),
     /// Show the way of one field through all instants.
-    Trace(crate::trace::TraceArgs),
+    Trace(TraceArgs),
     /// Make a film of a module as a scripted surgeon does it, or of a recording as it was.
     Film(crate::film::FilmArgs),
     /// List the training modules.
@@ -100,12 +103,12 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Run(args) => crate::run::run(args),
         Command::Play(args) => crate::play::run(args),
         Command::Ctl(args) => crate::ctl::run(args),
-        Command::Replay(args) => crate::replay::run(args),
-        Command::Import(args) => crate::import::run(args),
-        Command::Export(args) => crate::export::run(args),
-        Command::Recover(args) => crate::recover::run(args),
-        Command::Info(args) => crate::info::run(args),
-        Command::Trace(args) => crate::trace::run(args),
+        Command::Replay(_)
+        | Command::Import(_)
+        | Command::Export(_)
+        | Command::Recover(_)
+        | Command::Info(_)
+        | Command::Trace(_) => forward::whole(REPLAY),
         Command::Film(args) => crate::film::run(args),
         Command::Modules(args) => crate::modules::run(args),
         Command::Score(args) => crate::score::run(args),

@@ -5,15 +5,16 @@
 mod subject;
 
 use crate::children::command;
+use crate::cli::REPLAY;
 use crate::fundus::FundusArgs;
 use crate::inputs::check_file;
-use crate::progress::pictures_bar;
 use crate::runtime::{INTERRUPTED, StopSignal, block_on};
-use crate::span::SpanArgs;
 use anyhow::{Context, bail};
 use ipc::logging::{arguments, inform};
+use outputs::progress::pictures_bar;
 use outputs::{FILM_STILLS, Force, Outputs, println, video_file};
 use protocol::scene_stream::{self, Reader};
+use settings::commands::SpanArgs;
 use std::io::{BufWriter, Write};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
@@ -22,7 +23,7 @@ use subject::Subject;
 
 /// Pictures a second: that of the renderer's films.
 const PICTURES_PER_S: f64 = 25.0;
-/// Exit codes of `vitreo-offline` with which its scenes are whole: done, with loss, not as recorded.
+/// Exit codes of `vitreo-replay` with which its scenes are whole: done, with loss, not as recorded.
 const DONE: [u8; 3] = [0, crate::exit::LOSS, crate::exit::DIFFERS];
 
 /// Arguments of `vitreo film`.
@@ -134,7 +135,7 @@ impl Drop for Worker {
 
 /// Starts the simulation, which writes scenes.
 fn simulate(args: &FilmArgs, subject: &Subject) -> anyhow::Result<(ChildStdout, Worker)> {
-    let mut command = command("vitreo-offline")?;
+    let mut command = command(REPLAY)?;
     command.args(arguments());
     subject.for_simulation(args, &mut command);
     command.stdin(Stdio::null()).stdout(Stdio::piped());

@@ -35,6 +35,17 @@ pub fn to(
     Err(command.exec()).with_context(|| format!("start {binary}"))
 }
 
+/// Becomes `binary` with this command's whole command line, which this program has checked: it is
+/// declared once, for both.
+///
+/// # Errors
+/// Where the binary cannot be started; it does not return otherwise.
+pub fn whole(binary: &str) -> anyhow::Result<ExitCode> {
+    let mut command = command(binary)?;
+    command.arg0("vitreo").args(std::env::args_os().skip(1));
+    Err(command.exec()).with_context(|| format!("start {binary}"))
+}
+
 #[cfg(test)]
 mod tests {
     use crate::cli::{Cli, Command};

@@ -18,8 +18,7 @@ use training::score::table::{Category, METRICS};
 pub const BEGAN: &str = "began-s";
 /// Key of the same: the level of skill of the scripted surgeon.
 pub const SURGEON: &str = "surgeon";
-/// Key of the same: the input devices or file of inputs at the desk.
-pub const DESK: &str = "desk";
+pub use recording::DESK;
 /// Trainees that a refusal names at most.
 const NAMED: usize = 12;
 /// Value of `--plot` without a file.

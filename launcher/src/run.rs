@@ -33,15 +33,14 @@ pub use arguments::share;
 pub use load::{Judged, Load, NO_LOAD};
 pub use options::{ARRANGEMENTS, DeskArgs, RunArgs};
 pub use policy::MAX_RESTARTS;
-pub use watch::{Warning, Watch};
 
 use crate::exit::{BUDGET, FAILED, LOSS, UNTRACKED};
 use crate::machine::{allow_open_files, has_display};
 use crate::modules::Composed;
 use crate::results::{BEGAN, DESK, SURGEON, keep, seconds_since_1970};
 use crate::runtime::{StopSignal, block_on};
-use crate::tracking::{is_loss, untracked};
 use anyhow::Context;
+use diagnosis::{is_loss, untracked};
 use ipc::logging::warn;
 use options::View;
 use outputs::{Outputs, print};

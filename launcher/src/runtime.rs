@@ -19,8 +19,8 @@ use tokio::runtime::Builder;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
 
-/// Exit code of a program that Ctrl-C ended.
-pub const INTERRUPTED: u8 = 130;
+pub use outputs::exit::INTERRUPTED;
+
 /// Signals this soon after the first say the same thing: `timeout` signals its program and then the
 /// program's whole group, a terminal that closes sends two kinds.
 const SAME_REQUEST: Duration = Duration::from_millis(500);

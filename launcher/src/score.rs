@@ -1,14 +1,14 @@
 //! `vitreo score`: the score of recordings, without simulating again.
 
 use crate::children::command;
+use crate::cli::REPLAY;
 use crate::exit::{DIFFERS, LOSS};
 use crate::objects::{Local, Store};
-use crate::replay::states_incomparable;
 use crate::score_batch::{self, BatchArgs};
 use anyhow::{Context, anyhow, bail};
 use ipc::logging::{arguments, is_json, warn};
 use outputs::{STDOUT, print, println};
-use recording::{Item, Recording};
+use recording::{Item, Recording, states_incomparable};
 use scene::SceneFile;
 use serde::Serialize;
 use std::io::Write as _;
@@ -132,7 +132,7 @@ pub fn score_resimulated(file: &Path) -> anyhow::Result<Attempt> {
     // A file without a name, which nobody can leave behind.
     let again = tempfile::tempfile().context("a temporary file")?;
     let place = format!("/proc/self/fd/{}", again.as_raw_fd());
-    let told = command("vitreo-offline")?
+    let told = command(REPLAY)?
         .args(arguments())
         .arg("resimulate")
         .args([file, Path::new(STDOUT)])
@@ -140,7 +140,7 @@ pub fn score_resimulated(file: &Path) -> anyhow::Result<Attempt> {
         .stderr(Stdio::piped())
         .spawn()
         .and_then(Child::wait_with_output)
-        .context("start vitreo-offline")?;
+        .context("start vitreo-replay")?;
     let gaps = told.status.code() == Some(LOSS.into());
     let done = told.status.success() || gaps;
     if !done && is_json() {
@@ -150,7 +150,7 @@ pub fn score_resimulated(file: &Path) -> anyhow::Result<Attempt> {
     if !done {
         let why = String::from_utf8_lossy(&told.stderr);
         let why = why.lines().last().unwrap_or("it ended without a word");
-        bail!("{}: not simulated again: {}", file.display(), why.trim_start_matches("vitreo-offline: "));
+        bail!("{}: not simulated again: {}", file.display(), why.trim_start_matches("vitreo-replay: "));
     }
     pass_on(&told.stderr);
     // The score of the live run stands in the recording; the copy holds that of the new steps.

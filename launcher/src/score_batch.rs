@@ -2,17 +2,16 @@
 
 use crate::exit::{DIFFERS, LOSS};
 use crate::objects::{Address, Local, ObjectError, Store};
-use crate::progress::files_bar;
-use crate::replay::states_incomparable;
 use crate::results::{attempt_of, keys, write_tables};
 use crate::runtime::{StopSignal, block_on};
 use crate::score::{self, ScoreArgs, score_local};
 use crate::score_shards::{Place, Written, gather, only_path};
 use anyhow::{Context, bail, ensure};
 use ipc::logging::{inform, warn};
+use outputs::progress::files_bar;
 use outputs::{Force, Outputs, println};
 use protocol::file::{MAX_TABLE_BYTES, read_text};
-use recording::Recording;
+use recording::{Recording, states_incomparable};
 use results::attempt::sha256_of;
 use results::batch::{Row, Shard, work};
 use results::listing::{self, List, is_address};

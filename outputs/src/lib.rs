@@ -12,7 +12,9 @@
 //!   reads any more ([`standard_output_failure`]).
 
 mod claim;
+pub mod exit;
 mod file;
+pub mod progress;
 mod stdout;
 mod video;
 

@@ -1,9 +1,8 @@
 //! `control` and `answers`: the launcher asks, each process answers.
 
 use crate::health::Process;
-use crate::limits::{MAX_FIELDS_USED, TEXT_BYTES};
+use crate::limits::TEXT_BYTES;
 use crate::message::{Invalid, Message, require, text_of};
-use crate::poses::FieldUsed;
 use crate::time::Nanos;
 use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
@@ -106,41 +105,6 @@ impl Message for Notice {
 
     fn validate(&self) -> Result<(), Invalid> {
         Ok(())
-    }
-}
-
-/// A recorded tracker frame and the camera-fields that it consumed. Replay sends it to the tracker,
-/// which tracks exactly these fields and reads no clock. Frame 0 begins with a fresh tracker.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Wire, Zeroable)]
-pub struct RecordedFrame {
-    /// Number of the tracker frame to produce.
-    pub frame: u64,
-    /// Its reference field.
-    pub field: u64,
-    /// Exposure of the reference field, for which the poses are.
-    pub exposed_ns: Nanos,
-    /// Reference camera.
-    pub camera: u32,
-    /// [`crate::poses::ClosedBy`] on the wire.
-    pub closed_by: u32,
-    /// Camera-fields to consume; the first `used_count` are meaningful.
-    pub used: [FieldUsed; MAX_FIELDS_USED],
-    /// How many.
-    pub used_count: u32,
-    /// 0.
-    pub reserved: u32,
-}
-
-impl Message for RecordedFrame {
-    const CHANNEL: &'static str = "recorded-frames";
-    const VERSION: u32 = 1;
-    const QUEUE: usize = 64;
-
-    fn validate(&self) -> Result<(), Invalid> {
-        let used = f64::from(self.used_count);
-        let fits = self.used_count as usize <= MAX_FIELDS_USED;
-        require(fits, "RecordedFrame", "used_count", "at most 16", used)
     }
 }
 

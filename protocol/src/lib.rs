@@ -17,7 +17,6 @@
 //! | `pictures` | [`frames::PictureHeader`] + JPEG | renderer → recorder | ≤ 15 Hz | newest wins |
 //! | `health` | [`health::Health`] | each → launcher | 10 Hz | every one |
 //! | `control` | [`control::Request`] | launcher or `vitreo ctl` → each | on demand | every one |
-//! | `recorded-frames` | [`control::RecordedFrame`] | replay → tracker | per frame | every one |
 //! | `answers` | [`control::Answer`] | each → launcher | on demand | every one |
 //! | `notices` | [`control::Notice`] | launcher → renderer | 1 Hz | newest wins |
 //! | `inputs` | [`inputs::InputEvent`] | window, gamepad → desk, launcher | on change | every one |

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use protocol::blobs::BlobField;
-use protocol::control::{Answer, RecordedFrame, Request};
+use protocol::control::{Answer, Request};
 use protocol::events::Event;
 use protocol::frames::{FrameRecord, PictureHeader};
 use protocol::geometry::Validity;
@@ -41,7 +41,6 @@ proptest! {
         validates::<Health>(&seed);
         validates::<Request>(&seed);
         validates::<Answer>(&seed);
-        validates::<RecordedFrame>(&seed);
         let _ = block::<Health>(&seed).text();
         prop_assert!(block::<BlobField>(&seed).blobs().len() <= 64);
         prop_assert!(block::<TrackerFrame>(&seed).used().len() <= 16);
@@ -97,7 +96,6 @@ fn channel_names_and_schemas_differ() {
         (Health::CHANNEL, Health::SCHEMA),
         (Request::CHANNEL, Request::SCHEMA),
         (Answer::CHANNEL, Answer::SCHEMA),
-        (RecordedFrame::CHANNEL, RecordedFrame::SCHEMA),
         (InputEvent::CHANNEL, InputEvent::SCHEMA),
         (Hint::CHANNEL, Hint::SCHEMA),
     ];

@@ -40,7 +40,7 @@ mod disk_tests;
 mod samples;
 
 pub use note::{Note, NoteKind};
-pub use read::{Items, Recording};
+pub use read::{Items, Recording, states_incomparable};
 pub use tracker_version::{TRACKER_DIGESTS, TRACKER_VERSION};
 pub use write::Writer;
 
@@ -55,6 +55,9 @@ use protocol::steps::{CheckpointHeader, STATE_HASH_VERSION, STATE_HASH_WITHOUT_T
 use protocol::time::Nanos;
 use protocol::wire::{Layout, layout_of};
 use std::collections::BTreeMap;
+
+/// What a provenance calls the inputs of a run at a desk, without cameras.
+pub const DESK: &str = "desk";
 
 /// MCAP profile of a recording.
 pub const PROFILE: &str = "vitreo";

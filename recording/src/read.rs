@@ -10,6 +10,7 @@ use super::write::METADATA;
 use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, Source, checksum, record};
 use mcap::parse_record;
 use mcap::records::{Record, op};
+use protocol::steps::STATE_HASH_VERSION;
 use protocol::time::Nanos;
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::path::{Path, PathBuf};
@@ -122,6 +123,21 @@ impl Recording {
             }
         })
     }
+
+    /// From the first exposure to the last of what is replayed, s; damage ends it.
+    pub fn exposed_s(&self) -> f64 {
+        let mut exposures = self.exposures();
+        let first = exposures.next().unwrap_or(0);
+        exposures.fold(first, Nanos::max).saturating_sub(first) as f64 * 1e-9
+    }
+}
+
+/// Says that states of another hash version cannot be compared.
+pub fn states_incomparable(version: u32) -> String {
+    format!(
+        "states cannot be compared: the recording's state hashes are of version {version}, this build's of \
+         version {STATE_HASH_VERSION}"
+    )
 }
 
 /// The metadata at the file's start, and their place.

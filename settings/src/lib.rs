@@ -11,6 +11,7 @@
 
 pub mod apply;
 pub mod check;
+pub mod commands;
 pub mod describe;
 pub mod files;
 pub mod toml_file;

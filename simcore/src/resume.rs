@@ -2,7 +2,7 @@
 //! stepped again in the recorded order. Pure: the entries come from the caller.
 
 use crate::checkpoint::CheckpointError;
-use crate::world::{World, no_clock};
+use crate::world::{StepReport, World, no_clock};
 use protocol::handles::{HandleState, PedalState};
 use protocol::journal::Entry;
 use protocol::poses::TrackerFrame;
@@ -18,6 +18,24 @@ pub struct InputHistory {
     poses: VecDeque<Box<TrackerFrame>>,
     handles: VecDeque<HandleState>,
     pedals: VecDeque<PedalState>,
+    /// The newest step was done without its record.
+    guessed: bool,
+    /// The state is not the recorded one: only a checkpoint leads on.
+    astray: bool,
+}
+
+/// A recorded step that was done again.
+#[derive(Debug, Clone)]
+pub struct Repeated {
+    /// The recorded poses that it consumed.
+    pub poses: Box<TrackerFrame>,
+    /// What was recorded of it.
+    pub recorded: StepRecord,
+    /// What came of it.
+    pub report: StepReport,
+    /// Steps before it had no record, and were done with what had come by their poses: that this one's
+    /// state is the recorded one proves them right.
+    pub guessed: bool,
 }
 
 /// How far the past led.
@@ -50,11 +68,16 @@ impl InputHistory {
     /// so the last match counts. What was recorded a little early or late stays.
     fn trim(&mut self, header: &CheckpointHeader) {
         let same = |s: &StepRecord| s.step == header.step && s.state_hash == header.state_hash;
-        if let Some(at) = self.steps.iter().rposition(same) {
-            let exposed = self.steps[at].instants.exposed;
-            let frame = self.poses.iter().rposition(|p| p.instants.exposed == exposed);
-            self.poses.drain(..frame.map_or(0, |f| f + 1));
-            self.steps.drain(..=at);
+        let step = self.steps.iter().rposition(same);
+        let exposed = step.map(|at| self.steps[at].instants.exposed);
+        let is_its =
+            |p: &TrackerFrame| exposed.map_or(p.field == header.field, |at| p.instants.exposed == at);
+        let pose = self.poses.iter().rposition(|p| is_its(p));
+        self.poses.drain(..pose.map_or(0, |at| at + 1));
+        match step {
+            Some(at) => drop(self.steps.drain(..=at)),
+            // Its own record comes behind it, or never.
+            None => self.steps.retain(|s| s.step > header.step),
         }
         let consumed = self.handles.iter().rposition(|h| h.seq.wrapping_add(1) == header.handles_below);
         self.handles.drain(..consumed.map_or(0, |at| at + 1));
@@ -75,10 +98,8 @@ impl InputHistory {
             agrees = world.state_hash() == header.state_hash;
         }
         let mut steps = 0;
-        while let Some(step) = self.steps.front().copied() {
-            let Some((_, hash)) = self.repeat_step(world, &step) else { break };
-            agrees = hash == step.state_hash;
-            self.steps.pop_front();
+        while let Some(Repeated { recorded, report, .. }) = self.advance(world) {
+            agrees = report.state_hash == recorded.state_hash;
             steps += 1;
         }
         Ok(ResumeOutcome { steps, missing: self.steps.len() as u64, agrees })
@@ -90,24 +111,61 @@ impl InputHistory {
         (self.handles.into(), self.pedals.into(), self.poses.len() as u64)
     }
 
-    /// Does the oldest recorded step that is waiting, from where `world` stands; its pose, its
-    /// record and the hash of the state it led to. `None` while an input is missing. A record that
-    /// begins anew resets the world.
-    pub fn advance(&mut self, world: &mut World) -> Option<(Box<TrackerFrame>, StepRecord, u64)> {
-        loop {
+    /// Does the oldest recorded step that is waiting, from where `world` stands; `None` while an input
+    /// is missing. A record that begins anew resets the world.
+    pub fn advance(&mut self, world: &mut World) -> Option<Repeated> {
+        while !self.astray {
             let step = *self.steps.front()?;
             let done = world.state().step;
-            if step.step == 1 && done > 0 {
+            let began_anew = step.step == 1 && (done > 1 || step.state_hash != world.state_hash());
+            if began_anew && done > 0 {
                 world.reset();
+                self.guessed = false;
             } else if step.step <= done {
                 // A restarted simulation sends its last steps again.
                 self.steps.pop_front();
                 continue;
             }
-            let (frame, hash) = self.repeat_step(world, &step)?;
+            if self.make_step_without_record(world, &step) {
+                continue;
+            }
+            let (poses, report) = self.repeat_step(world, &step)?;
             self.steps.pop_front();
-            return Some((frame, step, hash));
+            let guessed = std::mem::take(&mut self.guessed);
+            return Some(Repeated { poses, recorded: step, report, guessed });
         }
+        None
+    }
+
+    /// Tells that the newest state is not the recorded one: only a checkpoint leads on.
+    pub fn go_astray(&mut self) {
+        self.astray = true;
+    }
+
+    /// Makes the step after `world`'s where `next`, which is to follow later, is the oldest one with a
+    /// record, though the poses of all before it are there. It consumes what was sent before its poses.
+    fn make_step_without_record(&mut self, world: &mut World, next: &StepRecord) -> bool {
+        let state = world.state();
+        let [of_handles, of_pedals] =
+            [[state.handles_below, next.handles_below], [state.pedals_below, next.pedals_below]];
+        let exposed = next.instants.exposed;
+        let pose = self.poses.iter().position(|p| p.frame == next.frame && p.instants.exposed == exposed);
+        let without_record = next.step.saturating_sub(state.step + 1);
+        let stepped_ns = next.instants.stepped;
+        let all_there = pose.is_some_and(|at| at as u64 == without_record)
+            && first_missing(&self.handles, of_handles, stepped_ns).is_none()
+            && first_missing(&self.pedals, of_pedals, stepped_ns).is_none();
+        // Where no clock said when something was sent, nothing is known.
+        let by_ns = self.poses.front().map_or(0, |frame| frame.instants.tracked);
+        if without_record == 0 || state.step == 0 || !all_there || by_ns == 0 {
+            return false;
+        }
+        let Some(frame) = self.poses.pop_front() else { return false };
+        let handles = sent_by(&mut self.handles, by_ns);
+        let pedals = sent_by(&mut self.pedals, by_ns);
+        world.step(&StepInput { frame: &frame, handles: &handles, pedals: &pedals }, &mut no_clock);
+        self.guessed = true;
+        true
     }
 
     /// Gives up the steps that are waiting and goes on where a later checkpoint stood; how many of
@@ -122,6 +180,7 @@ impl InputHistory {
         bytes: &[u8],
     ) -> Result<u64, CheckpointError> {
         world.restore(bytes.get(..header.bytes as usize).unwrap_or(bytes))?;
+        (self.astray, self.guessed) = (false, false);
         let waiting = self.steps.len();
         self.trim(header);
         // The step of the checkpoint, or its inputs, may be among what is missing.
@@ -137,13 +196,35 @@ impl InputHistory {
         self.steps.front()
     }
 
-    /// Recorded steps that are waiting.
-    pub fn waiting_steps(&self) -> u64 {
-        self.steps.len() as u64
+    /// Gives up the steps that are waiting; how many.
+    pub fn give_up(&mut self) -> u64 {
+        (self.astray, self.guessed) = (false, false);
+        self.steps.drain(..).len() as u64
     }
 
-    /// One recorded step: its pose and the hash of the state; `None` where an input is missing.
-    fn repeat_step(&mut self, world: &mut World, step: &StepRecord) -> Option<(Box<TrackerFrame>, u64)> {
+    /// What the oldest step that is waiting lacks, in words; `None` where it lacks nothing.
+    pub fn lacking(&self, world: &World) -> Option<String> {
+        let (step, state) = (self.steps.front()?, world.state());
+        let exposed = step.instants.exposed;
+        if step.step != state.step + 1 {
+            return Some(format!("step {} follows {} (field {})", step.step, state.step, step.field));
+        }
+        if !self.poses.iter().any(|p| p.frame == step.frame && p.instants.exposed == exposed) {
+            return Some(format!("the poses of step {} (field {}) are missing", step.step, step.field));
+        }
+        let stepped_ns = step.instants.stepped;
+        let handle = first_missing(&self.handles, [state.handles_below, step.handles_below], stepped_ns);
+        let pedal = first_missing(&self.pedals, [state.pedals_below, step.pedals_below], stepped_ns);
+        let of = |name: &str, number: u64| format!("{name} state {number} is missing (field {})", step.field);
+        handle.map(|number| of("handle", number)).or_else(|| pedal.map(|number| of("pedal", number)))
+    }
+
+    /// One recorded step: its pose and what came of it; `None` where an input is missing.
+    fn repeat_step(
+        &mut self,
+        world: &mut World,
+        step: &StepRecord,
+    ) -> Option<(Box<TrackerFrame>, StepReport)> {
         let state = world.state();
         if step.step != state.step + 1 {
             return None;
@@ -151,30 +232,55 @@ impl InputHistory {
         let exposed = step.instants.exposed;
         let pose = self.poses.iter().position(|p| p.frame == step.frame && p.instants.exposed == exposed)?;
         let stepped_ns = step.instants.stepped;
-        let handles = take(&mut self.handles, state.handles_below, step.handles_below, stepped_ns)?;
-        let pedals = take(&mut self.pedals, state.pedals_below, step.pedals_below, stepped_ns)?;
+        let (of_handles, of_pedals) =
+            ([state.handles_below, step.handles_below], [state.pedals_below, step.pedals_below]);
+        // Nothing is taken before all is there.
+        let missing = first_missing(&self.handles, of_handles, stepped_ns)
+            .or_else(|| first_missing(&self.pedals, of_pedals, stepped_ns));
+        if missing.is_some() {
+            return None;
+        }
+        let handles = take(&mut self.handles, of_handles, stepped_ns);
+        let pedals = take(&mut self.pedals, of_pedals, stepped_ns);
         let frame = self.poses.drain(..=pose).next_back()?;
         let input = StepInput { frame: &frame, handles: &handles, pedals: &pedals };
-        let state_hash = world.step(&input, &mut no_clock).state_hash;
-        Some((frame, state_hash))
+        let report = world.step(&input, &mut no_clock);
+        Some((frame, report))
     }
 }
 
-/// Takes what a step consumed off the front of a queue: up to the input with number `below` − 1.
-/// `None` if that one is missing, or one before it.
-fn take<T: Numbered>(queue: &mut VecDeque<T>, before: u64, below: u64, stepped_ns: Nanos) -> Option<Vec<T>> {
+/// Takes what a step consumed, and what came before it, off the front of a queue. All below number
+/// `before` were consumed before it, all below `below` are after it.
+fn take<T: Numbered>(queue: &mut VecDeque<T>, [before, below]: [u64; 2], stepped_ns: Nanos) -> Vec<T> {
+    let last = last_consumed(queue.iter(), [before, below], stepped_ns);
+    queue.drain(..last.map_or(0, |last| last + 1)).collect()
+}
+
+/// Takes what was sent by an instant off the front of a queue.
+fn sent_by<T: Numbered>(queue: &mut VecDeque<T>, by_ns: Nanos) -> Vec<T> {
+    let count = queue.iter().take_while(|input| input.sent_ns() <= by_ns).count();
+    queue.drain(..count).collect()
+}
+
+/// Number of the first input that a step consumed and that is not in a queue; `None` where all are.
+fn first_missing<T: Numbered>(
+    queue: &VecDeque<T>,
+    [before, below]: [u64; 2],
+    stepped_ns: Nanos,
+) -> Option<u64> {
     let Some(last) = last_consumed(queue.iter(), [before, below], stepped_ns) else {
         // Nothing was consumed, or it is missing.
-        return (below == before).then(Vec::new);
+        return (below != before).then(|| below.wrapping_sub(1));
     };
-    let numbers = queue.range(..=last).map(T::number);
-    // At its start a record may begin anywhere.
-    let follows = |next: &mut u64, number: u64| {
-        let follows = number == *next || number == 0 || *next == 0;
-        *next = number.wrapping_add(1);
-        Some(follows)
-    };
-    numbers.scan(before, follows).all(|follows| follows).then(|| queue.drain(..=last).collect())
+    let mut next = before;
+    for number in queue.range(..=last).map(T::number) {
+        // At its start a record may begin anywhere, and a sender that was started again counts from 0.
+        if number != next && number != 0 && next != 0 {
+            return Some(next);
+        }
+        next = number.wrapping_add(1);
+    }
+    None
 }
 
 #[cfg(test)]
@@ -234,6 +340,23 @@ mod tests {
         let (again, resumed) = repeat(items);
         assert_eq!(resumed, ResumeOutcome { steps: 39, missing: 0, agrees: true });
         assert_eq!(again.state(), world.state());
+    }
+
+    #[test]
+    fn a_checkpoint_may_come_before_the_record_of_its_step() {
+        for save in [10, 0] {
+            let (world, mut items) = record(30, &[save]);
+            let at = items.iter().position(|i| matches!(i, Entry::Checkpoint(..))).unwrap();
+            assert!(matches!(items[at - 1], Entry::Step(_)));
+            items.swap(at - 1, at);
+            let mut again = World::new(&SceneFile::load("peel").unwrap()).unwrap();
+            let mut past = InputHistory::default();
+            items.into_iter().for_each(|i| past.note(i));
+            let resumed = past.replay(&mut again).unwrap();
+            assert_eq!(resumed, ResumeOutcome { steps: 29 - save, missing: 0, agrees: true });
+            assert_eq!(again.state(), world.state());
+            assert_eq!(past.unconsumed().2, 0, "poses that nobody has consumed");
+        }
     }
 
     #[test]

@@ -301,9 +301,8 @@ fn fields_without_a_frame_fail_verification_and_the_share_that_is_asserted() {
         Item::Step(s) if s.field >= 60 => vec![],
         _ => vec![item],
     });
-    let name = instance_name();
     let path = copy.display().to_string();
-    let asserted = vitreo(&["replay", &path, "--lockstep", "--assert-tracking", "0.9", "--instance", &name]);
+    let asserted = vitreo(&["replay", &path, "--lockstep", "--assert-tracking", "0.9"]);
     assert!(asserted.expect_code(6).stderr.contains("of the frames that should have been"));
 }
 

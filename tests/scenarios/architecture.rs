@@ -21,10 +21,28 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("collision", &["protocol", "scene"]),
     ("tissue", &["protocol", "scene", "collision"]),
     ("simcore", &["protocol", "ipc", "scene", "training", "collision", "tissue"]),
-    ("offline", &["protocol", "ipc", "outputs", "scene", "recording", "surgeon", "training", "simcore"]),
+    (
+        "replay",
+        &[
+            "protocol",
+            "ipc",
+            "outputs",
+            "settings",
+            "scene",
+            "recording",
+            "blob-stream",
+            "surgeon",
+            "training",
+            "collision",
+            "simcore",
+            "tracker",
+            "diagnosis",
+        ],
+    ),
     ("virtual-rig", &["protocol", "ipc", "outputs", "scene", "surgeon", "blob-stream"]),
     ("fpga-model", &["protocol", "ipc", "outputs", "settings", "blob-stream"]),
     ("tracker", &["protocol", "ipc"]),
+    ("diagnosis", &["protocol"]),
     ("calibration", &["protocol", "ipc", "outputs", "settings", "recording", "blob-stream", "tracker"]),
     ("renderer", &["protocol", "ipc", "outputs", "settings", "scene", "font"]),
     ("results", &["protocol", "font", "outputs"]),
@@ -38,7 +56,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "settings",
             "scene",
             "recording",
-            "blob-stream",
+            "diagnosis",
             "surgeon",
             "training",
             "results",
@@ -48,7 +66,8 @@ const ARROWS: &[(&str, &[&str])] = &[
 /// Crates that are in no product: they may depend on everything.
 const PROOFS: [&str; 4] = ["validation", "fuzz", "vitreo-tests", "skips"];
 /// Crates that compute: no transport, no clock, no environment.
-const PURE: [&str; 7] = ["protocol", "scene", "surgeon", "training", "collision", "tissue", "font"];
+const PURE: [&str; 8] =
+    ["protocol", "scene", "surgeon", "training", "collision", "tissue", "font", "diagnosis"];
 /// Crates of a process: their shell alone knows transport and clock.
 const PROCESSES: [&str; 6] = ["fpga-model", "virtual-rig", "tracker", "simcore", "renderer", "desk"];
 /// What a crate must not reach, by whatever way.
@@ -85,13 +104,12 @@ const OWNERS: &[(&str, &[&str])] = &[
 const PROOF_FOLDERS: [&str; 3] = ["validation/", "fuzz/", "tests/"];
 /// Where files are made besides: in the private directory of an instance, in memory, and a recording
 /// on a file that is there.
-const WRITERS: [&str; 7] = [
+const WRITERS: [&str; 6] = [
     "outputs/src/",
     "protocol/ipc/src/",
     "launcher/src/children",
     "recording/src/write.rs",
     "launcher/src/run/resume.rs",
-    "launcher/src/replay/processes.rs",
     "virtual-rig/src/process/kept.rs",
 ];
 /// Longest source file, lines.

@@ -1,11 +1,11 @@
 //! Wrong input ends with a clear message and the right exit code.
 
-use protocol::poses::TrackerFrame;
+use std::io::{BufRead, BufReader};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
-use std::process::Command;
-use vitreo_tests::{Observer, Running, binaries, instance_name, interrupt, next, repository, vitreo};
+use std::process::{Command, Stdio};
+use vitreo_tests::{binaries, instance_name, interrupt, repository, vitreo};
 
 fn write(folder: &Path, name: &str, text: &[u8]) -> String {
     let path = folder.join(name);
@@ -91,8 +91,7 @@ fn what_does_not_exist_is_wrong_use() {
 #[test]
 fn a_part_that_a_recording_does_not_have_is_refused() {
     let golden = repository().join("tests/data/golden/peel-2s.mcap").display().to_string();
-    let name = instance_name();
-    let replay = |args: &[&'static str]| [&["replay", golden.as_str(), "--instance", &name], args].concat();
+    let replay = |args: &[&'static str]| [&["replay", golden.as_str()], args].concat();
     misused(&replay(&["--from", "1.5", "--until", "0.5"]), &["--until 0.5", "--from 1.5"]);
     misused(&replay(&["--until", "0"]), &["--until 0"]);
     misused(&replay(&["--from", "100"]), &["--from 100", "peel-2s.mcap holds 1.", " s only"]);
@@ -100,15 +99,16 @@ fn a_part_that_a_recording_does_not_have_is_refused() {
 
 #[test]
 fn a_replay_that_is_stopped_tells_what_it_measured() {
-    let golden = repository().join("tests/data/golden/peel-2s.mcap").display().to_string();
-    let name = instance_name();
-    let replay = Running::start(&["replay", &golden, "--rate", "0.05", "--instance", &name]);
-    let mut poses = Observer::join(&format!("{name}-t")).receiver::<TrackerFrame>();
-    for _ in 0..3 {
-        next(&mut poses, |_| true);
-    }
-    interrupt(replay.pid());
-    let told = replay.finish().expect_code(0).stdout;
+    let golden = repository().join("tests/data/golden/peel-2s.mcap");
+    let mut command = Command::new(binaries().join("vitreo"));
+    command.args(["replay", "--rate", "0.05", "--log", "replay=debug"]).arg(golden);
+    let mut replay = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it starts");
+    let lines = BufReader::new(replay.stderr.take().expect("a pipe")).lines().map_while(Result::ok);
+    assert_eq!(lines.filter(|line| line.contains("replayed")).take(3).count(), 3, "three frames");
+    interrupt(replay.id());
+    let done = replay.wait_with_output().expect("it ends");
+    assert_eq!(done.status.code(), Some(0));
+    let told = String::from_utf8_lossy(&done.stdout).into_owned();
     let speed = told.split(" times real time").next().and_then(|t| t.rsplit('(').next());
     let speed: f64 = speed.and_then(|s| s.parse().ok()).unwrap_or_else(|| panic!("no speed: {told}"));
     assert!(speed < 1.0, "at a twentieth of the speed: {told}");
@@ -163,8 +163,7 @@ fn strange_streams_are_counted_not_fatal() {
     let poses = folder.path().join("odd.csv").display().to_string();
     let rig = repository().join("assets/rig.json").display().to_string();
     vitreo(&["import", "--rig", &rig, &stream, "-o", &out]).expect_code(0);
-    let name = instance_name();
-    vitreo(&["replay", &out, "--lockstep", "--poses", &poses, "--instance", &name]).expect_code(0);
+    vitreo(&["replay", &out, "--lockstep", "--poses", &poses]).expect_code(0);
     let text = std::fs::read_to_string(&poses).expect("poses");
     assert!(text.starts_with("t_ns,t_out_ns,body,valid"), "{text}");
     assert!(!text.contains("NaN") && !text.contains("inf,"), "{text}");

@@ -5,7 +5,7 @@ use fuzz::random::Random;
 use fuzz::targets;
 use ipc::{BlockSender, Instance, Sender, wait};
 use protocol::blobs::BlobField;
-use protocol::control::{Answer, RecordedFrame, Request};
+use protocol::control::{Answer, Request};
 use protocol::events::Event;
 use protocol::fields::FieldHeader;
 use protocol::frames::{FrameRecord, PictureHeader};
@@ -120,7 +120,6 @@ fn all_channels<'a>(instance: &Instance) -> Vec<Spray<'a>> {
         with_payload::<PictureHeader>(instance),
         plain::<Health>(instance, |_| {}),
         plain::<Request>(instance, no_command),
-        plain::<RecordedFrame>(instance, |_| {}),
         plain::<Answer>(instance, |_| {}),
         plain::<InputEvent>(instance, no_key),
         plain::<Hint>(instance, |_| {}),

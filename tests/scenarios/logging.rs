@@ -36,7 +36,7 @@ fn json_lines_of_all_processes_come_unchanged() {
 fn a_failure_is_one_json_line() {
     let refused = vitreo(&["info", "/nowhere/file.mcap", "--log-format", "json"]).expect_code(1).stderr;
     let line: Value = serde_json::from_str(&refused).unwrap_or_else(|e| panic!("{e} in: {refused}"));
-    assert_eq!((&line["level"], &line["process"]), (&"ERROR".into(), &"launcher".into()));
+    assert_eq!((&line["level"], &line["process"]), (&"ERROR".into(), &"replay".into()));
     assert!(line["message"].as_str().is_some_and(|m| m.contains("/nowhere/file.mcap")), "{line}");
 }
 

@@ -26,9 +26,9 @@ const CASES: &[Case] = &[
     Case { words: "import --rig rig.json IN -o OUT", input: "b.jsonl" },
     Case { words: "import --rig IN b.jsonl -o OUT", input: "rig.json" },
     Case { words: "recover IN -o OUT", input: "a.mcap" },
-    Case { words: "replay IN --lockstep --instance NAME --poses OUT", input: "a.mcap" },
-    Case { words: "replay IN --lockstep --instance NAME --blobs OUT", input: "a.mcap" },
-    Case { words: "replay IN --lockstep --instance NAME --report OUT", input: "a.mcap" },
+    Case { words: "replay IN --lockstep --poses OUT", input: "a.mcap" },
+    Case { words: "replay IN --lockstep --blobs OUT", input: "a.mcap" },
+    Case { words: "replay IN --lockstep --report OUT", input: "a.mcap" },
     Case {
         words: "run --no-picture --direct --duration 1 --instance NAME --rig IN --record OUT",
         input: "rig.json",

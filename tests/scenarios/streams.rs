@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::path::Path;
-use vitreo_tests::{instance_name, repository, vitreo};
+use vitreo_tests::{repository, vitreo};
 
 /// Truth of a stream: (instant, body) → tip, for the instants of the excerpt.
 fn truth(path: &Path) -> (Vec<u64>, HashMap<String, Vec<[f64; 3]>>) {
@@ -31,9 +31,7 @@ fn tip_rms_um(stream: &str) -> (f64, usize) {
     let (recording, poses) = (folder.path().join("s.mcap"), folder.path().join("poses.csv"));
     let (rig, blobs) = (path(&data.join("rig.json")), path(&data.join("blobs.jsonl")));
     vitreo(&["import", "--rig", &rig, &blobs, "-o", &path(&recording)]).expect_code(0);
-    let name = instance_name();
-    vitreo(&["replay", &path(&recording), "--lockstep", "--poses", &path(&poses), "--instance", &name])
-        .expect_code(0);
+    vitreo(&["replay", &path(&recording), "--lockstep", "--poses", &path(&poses)]).expect_code(0);
     let (times, tips) = truth(&data.join("truth.csv"));
     let (mut sum, mut count) = (0.0, 0);
     for line in std::fs::read_to_string(&poses).expect("poses").lines().skip(1) {

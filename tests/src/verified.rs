@@ -1,6 +1,6 @@
 //! `vitreo replay --verify` and what it must have compared: no check takes an exit code for a proof.
 
-use crate::{Finished, instance_name, json, vitreo};
+use crate::{Finished, json, vitreo};
 use serde_json::Value;
 use std::path::Path;
 
@@ -29,9 +29,8 @@ pub struct Proof {
 pub fn verify(file: &Path) -> Verified {
     let folder = tempfile::tempdir().expect("folder");
     let report = folder.path().join("verify.json");
-    let (file, path, name) = (file.display().to_string(), report.display().to_string(), instance_name());
-    let finished =
-        vitreo(&["replay", &file, "--lockstep", "--verify", "--instance", &name, "--report", &path]);
+    let (file, path) = (file.display().to_string(), report.display().to_string());
+    let finished = vitreo(&["replay", &file, "--lockstep", "--verify", "--report", &path]);
     let report = if report.exists() { json(&report) } else { Value::Null };
     Verified { finished, report }
 }

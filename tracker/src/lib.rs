@@ -38,7 +38,7 @@ pub mod pose_math;
 pub mod predictor;
 pub mod process;
 pub mod projection;
-pub mod replay;
+pub mod report;
 pub mod rig_check;
 pub mod rig_model;
 pub mod rls_predictor;

@@ -2,22 +2,21 @@
 
 use crate::assembler::{ClosedFrame, FrameAssembler};
 use crate::config::Config;
-use crate::replay::FieldStore;
+use crate::report::Report;
 use crate::rig_check;
-use crate::tracker::{Reference, Tracker, close};
+use crate::tracker::{Tracker, close, stamp};
 use anyhow::Context;
 use ipc::awake::Awake;
 use ipc::clock::now;
 use ipc::shell::Shell;
-use ipc::{Queue, Receiver, Sender, Wakes, wait};
+use ipc::{Queue, Receiver, Sender, wait};
 use protocol::blobs::BlobField;
-use protocol::control::{Command, RecordedFrame};
+use protocol::control::Command;
 use protocol::health::{Process, STATE_DEGRADED, STATE_RUNNING};
 use protocol::limits::{FIELD_PERIOD_NS, MAX_FIELDS_USED, MAX_WAIT_MS};
 use protocol::message::Message;
 use protocol::poses::{ClosedBy, TrackerFrame};
 use protocol::rig::Rig;
-use protocol::time::Nanos;
 use std::collections::VecDeque;
 
 /// Runs the tracker until it is asked to stop.
@@ -29,36 +28,19 @@ pub fn run(config: &Config) -> anyhow::Result<()> {
     while !process.shell.stopping() {
         process.wait();
         process.receive_fields()?;
-        process.replay_frames()?;
         process.report();
         process.serve_control()?;
     }
     Ok(())
 }
 
-/// The clock that time-outs are measured by.
-#[derive(Debug, Clone, Copy)]
-enum Clock {
-    /// The system's monotonic clock.
-    System,
-    /// The newest instant at which a field of the stream was received.
-    Stream(Nanos),
-}
-
 struct TrackerProcess {
     blobs: Receiver<BlobField>,
-    recorded: Receiver<RecordedFrame>,
     poses: Sender<TrackerFrame>,
     shell: Shell,
     assembler: FrameAssembler,
     tracker: Tracker,
-    store: FieldStore,
-    /// A recorded frame whose fields have not all arrived.
-    waiting: Option<RecordedFrame>,
-    clock: Clock,
-    replay: bool,
-    drift_reported: bool,
-    restarts_reported: u64,
+    told: Report,
     /// Frames that were not valid and were not sent.
     withheld: u64,
     awake: Awake,
@@ -75,17 +57,11 @@ impl TrackerProcess {
         let (instance, shell) = Shell::start(Process::Tracker, &config.shell).context("cannot start")?;
         let mut process = TrackerProcess {
             blobs: instance.receiver(Queue::InOrder)?,
-            recorded: instance.receiver(Queue::InOrder)?,
             poses: instance.sender()?,
             shell,
             assembler: FrameAssembler::new(&rig),
             tracker: Tracker::with(&rig, !config.fixed_rig),
-            store: FieldStore::default(),
-            waiting: None,
-            clock: if config.stream_clock { Clock::Stream(0) } else { Clock::System },
-            replay: config.replay,
-            drift_reported: false,
-            restarts_reported: 0,
+            told: Report::default(),
             withheld: 0,
             awake: Awake::default(),
             newest: VecDeque::with_capacity(MAX_FIELDS_USED),
@@ -98,17 +74,10 @@ impl TrackerProcess {
 
     /// Waits for a message, at most until the assembler's next deadline.
     fn wait(&self) {
-        let longest = MAX_WAIT_MS * 1_000_000;
+        let (longest, at) = (MAX_WAIT_MS * 1_000_000, now());
         // A poll rounds up to whole milliseconds of its own accord.
-        let timeout_ns = match (self.clock, self.replay) {
-            (Clock::System, false) => {
-                let at = now();
-                self.assembler.deadline(at).map_or(longest, |d| d.saturating_sub(at).min(longest))
-            }
-            _ => longest,
-        };
-        let sources: [&dyn Wakes; 3] = [&self.blobs, &self.recorded, self.shell.control()];
-        wait(&sources, timeout_ns);
+        let timeout_ns = self.assembler.deadline(at).map_or(longest, |d| d.saturating_sub(at).min(longest));
+        wait(&[&self.blobs, self.shell.control()], timeout_ns);
     }
 
     /// After a sleep: passes over the fields of the past, so that no pose of it goes out as the
@@ -145,15 +114,9 @@ impl TrackerProcess {
 
     /// Takes in all fields that have arrived, and closes frames.
     fn receive_fields(&mut self) -> anyhow::Result<()> {
-        if matches!(self.clock, Clock::System) && !self.replay {
-            self.wake()?;
-        }
+        self.wake()?;
         while let Some(field) = self.blobs.next_valid()? {
-            if self.replay {
-                self.store.push(&field);
-                continue;
-            }
-            let at = self.advance_clock(&field)?;
+            let at = now();
             // The assembler counts refusals; the count is published with every frame.
             if let Err(refusal) = self.assembler.push(&field, at) {
                 tracing::debug!(field = field.field, camera = field.camera, "field refused: {refusal}");
@@ -162,23 +125,7 @@ impl TrackerProcess {
                 self.publish(&closed)?;
             }
         }
-        if matches!(self.clock, Clock::System) && !self.replay {
-            self.expire(now())?;
-        }
-        Ok(())
-    }
-
-    /// The instant at which a field arrives. On a stream's clock, frames whose wait ended before
-    /// that are closed first.
-    fn advance_clock(&mut self, field: &BlobField) -> anyhow::Result<Nanos> {
-        let Clock::Stream(newest) = self.clock else { return Ok(now()) };
-        let at = newest.max(field.blobs_out_ns);
-        self.clock = Clock::Stream(at);
-        self.expire(at)?;
-        Ok(at)
-    }
-
-    fn expire(&mut self, at: Nanos) -> anyhow::Result<()> {
+        let at = now();
         while let Some(closed) = self.assembler.expired(at) {
             self.publish(&closed)?;
         }
@@ -186,40 +133,11 @@ impl TrackerProcess {
     }
 
     fn publish(&mut self, closed: &ClosedFrame) -> anyhow::Result<()> {
-        let taken = if matches!(self.clock, Clock::System) { closed.taken_ns } else { now() };
         let mut frame = self.tracker.track(self.assembler.used(), &closed.reference);
         close(&mut frame, closed.closed_by);
         frame.waited_ns = closed.waited_ns;
-        stamp(&mut frame, self.assembler.used(), taken);
+        stamp(&mut frame, self.assembler.used(), closed.taken_ns);
         self.send(frame)
-    }
-
-    /// Tracks the recorded frames again, as far as their fields have arrived. Where nothing is
-    /// replayed nobody has frames to send: what comes is counted as refused.
-    fn replay_frames(&mut self) -> anyhow::Result<()> {
-        while !self.replay {
-            if self.recorded.next_valid()?.is_none() {
-                return Ok(());
-            }
-        }
-        loop {
-            if self.waiting.is_none() {
-                self.waiting = self.recorded.next_valid()?;
-            }
-            let Some(recorded) = self.waiting else { return Ok(()) };
-            if recorded.frame == 0 {
-                self.reset_tracker();
-            }
-            let Some(used) = self.store.take(&recorded) else { return Ok(()) };
-            let taken = now();
-            let reference =
-                Reference { camera: recorded.camera, field: recorded.field, exposed_ns: recorded.exposed_ns };
-            let mut frame = self.tracker.track(used, &reference);
-            close(&mut frame, ClosedBy::from_wire(recorded.closed_by));
-            stamp(&mut frame, used, taken);
-            self.waiting = None;
-            self.send(frame)?;
-        }
     }
 
     fn send(&mut self, mut frame: TrackerFrame) -> anyhow::Result<()> {
@@ -238,31 +156,15 @@ impl TrackerProcess {
         Ok(self.poses.send(&frame)?)
     }
 
-    /// Updates the figures of the next heartbeat, and warns once of a rig that has drifted by more
-    /// than the corrections of every calibration.
+    /// Tells what is new, and updates the figures of the next heartbeat.
     fn report(&mut self) {
-        let drift = self.tracker.drift().filter(|r| r.detected && r.is_large());
-        if let Some(report) = drift.filter(|_| !self.drift_reported) {
-            tracing::warn!("{report}");
-            self.drift_reported = true;
-        }
-        while let Some(notice) = self.tracker.take_notice() {
-            tracing::warn!("{notice}");
-        }
-        let restarts = self.tracker.restarts();
-        if restarts > self.restarts_reported {
-            tracing::error!(restarts, "a filter or predictor was not finite and began anew");
-        }
-        self.restarts_reported = restarts;
-        let (blobs, recorded) = (self.blobs.counts(), self.recorded.counts());
-        let report = &mut self.shell.report;
-        let strange = if self.replay { 0 } else { recorded.received - recorded.refused };
-        report.received = blobs.received + recorded.received - strange;
+        self.told.tell(&mut self.tracker);
+        let (blobs, report) = (self.blobs.counts(), &mut self.shell.report);
+        report.received = blobs.received;
         report.sent = self.poses.sent();
-        report.lost = blobs.lost + recorded.lost + self.store.dropped() + self.passed_over;
+        report.lost = blobs.lost + self.passed_over;
         let fields = u64::from(self.assembler.refused());
-        report.refused = blobs.refused + recorded.refused + strange + fields;
-        report.refused += self.tracker.blobs_refused() + self.withheld;
+        report.refused = blobs.refused + fields + self.tracker.blobs_refused() + self.withheld;
     }
 
     fn serve_control(&mut self) -> anyhow::Result<()> {
@@ -277,14 +179,8 @@ impl TrackerProcess {
             Command::Reset | Command::Load => {
                 self.reset_tracker();
                 self.assembler.reset();
-                self.store.clear();
-                self.waiting = None;
-                if let Clock::Stream(newest) = &mut self.clock {
-                    *newest = 0;
-                }
             }
-            Command::Flush => return self.flush(),
-            Command::Start | Command::Pause | Command::Ping | Command::Shutdown => {}
+            Command::Start | Command::Pause | Command::Ping | Command::Flush | Command::Shutdown => {}
             Command::Snapshot | Command::Next | Command::Help => {
                 return Ok(Err("the tracker has neither picture nor levels".to_owned()));
             }
@@ -294,29 +190,8 @@ impl TrackerProcess {
 
     fn reset_tracker(&mut self) {
         self.tracker.reset();
-        self.drift_reported = false;
+        self.told.reset();
     }
-
-    /// Finishes what is open: everything sent before the request is in the queues by now.
-    fn flush(&mut self) -> anyhow::Result<Result<(), String>> {
-        self.receive_fields()?;
-        self.replay_frames()?;
-        let at = if let Clock::Stream(newest) = self.clock { newest } else { now() };
-        while let Some(closed) = self.assembler.flush(at) {
-            self.publish(&closed)?;
-        }
-        let Some(recorded) = self.waiting else { return Ok(Ok(())) };
-        Ok(Err(self.store.missing(&recorded).map_or_else(String::new, |m| {
-            format!("frame {} waits for field {} of camera {}", recorded.frame, m.field, m.camera)
-        })))
-    }
-}
-
-/// Copies the instants of the fields into the frame.
-fn stamp(frame: &mut TrackerFrame, used: &[BlobField], taken: Nanos) {
-    frame.instants.read_out = used.iter().map(|f| f.read_out_ns).max().unwrap_or(0);
-    frame.instants.blobs_out = used.iter().map(|f| f.blobs_out_ns).max().unwrap_or(0);
-    frame.instants.taken = taken;
 }
 
 const _: () = assert!(ClosedBy::Inputs as u32 == 0, "a zeroed frame is closed by its inputs");

@@ -1,23 +1,69 @@
-//! A whole blob stream through assembler and tracker, on the stream's own clock.
+//! A blob stream through assembler and tracker, on the stream's own clock.
 
 use crate::assembler::{ClosedFrame, FrameAssembler};
+use crate::report::Report;
 use crate::tracker::Tracker;
 use protocol::blobs::BlobField;
 use protocol::poses::TrackerFrame;
 use protocol::rig::Rig;
+use protocol::time::Nanos;
 
-/// Tracks `fields` in the order of their arrival and hands every frame with the fields it used to
-/// `visit`. Time-outs follow the newest `blobs_out_ns`.
+/// Tracks camera-fields in the order of their arrival; the time is the newest `blobs_out_ns`.
+pub struct StreamTracker {
+    assembler: FrameAssembler,
+    tracker: Tracker,
+    told: Report,
+    now_ns: Nanos,
+}
+
+impl StreamTracker {
+    /// For a checked rig.
+    pub fn new(rig: &Rig) -> Self {
+        let (assembler, tracker) = (FrameAssembler::new(rig), Tracker::new(rig));
+        StreamTracker { assembler, tracker, told: Report::default(), now_ns: 0 }
+    }
+
+    /// Takes the next field, and hands every frame that it closes to `visit`, with the fields that the
+    /// frame used and how it was closed. A refused field is only counted.
+    pub fn push(&mut self, field: &BlobField, mut visit: impl Visit) {
+        self.now_ns = self.now_ns.max(field.blobs_out_ns);
+        while let Some(closed) = self.assembler.expired(self.now_ns) {
+            self.track(&closed, &mut visit);
+        }
+        let _ = self.assembler.push(field, self.now_ns);
+        while let Some(closed) = self.assembler.complete(self.now_ns) {
+            self.track(&closed, &mut visit);
+        }
+    }
+
+    /// Fields refused since the start.
+    pub fn refused(&self) -> u32 {
+        self.assembler.refused()
+    }
+
+    /// Ends the stream: frames that wait for fields are made without them.
+    pub fn finish(&mut self, mut visit: impl Visit) {
+        while let Some(closed) = self.assembler.flush(self.now_ns) {
+            self.track(&closed, &mut visit);
+        }
+    }
+
+    fn track(&mut self, closed: &ClosedFrame, visit: &mut impl Visit) {
+        let used = self.assembler.used();
+        let frame = self.tracker.track(used, &closed.reference);
+        self.told.tell(&mut self.tracker);
+        visit(frame, used, closed);
+    }
+}
+
+/// What is done with a frame.
+pub trait Visit: FnMut(TrackerFrame, &[BlobField], &ClosedFrame) {}
+impl<F: FnMut(TrackerFrame, &[BlobField], &ClosedFrame)> Visit for F {}
+
+/// Tracks a whole stream and hands every frame with the fields it used to `visit`.
 pub fn track_stream(rig: &Rig, fields: &[BlobField], mut visit: impl FnMut(&TrackerFrame, &[BlobField])) {
-    let (mut assembler, mut tracker) = (FrameAssembler::new(rig), Tracker::new(rig));
-    let mut now = 0;
-    let mut close =
-        |used: &[BlobField], closed: ClosedFrame| visit(&tracker.track(used, &closed.reference), used);
-    for field in fields {
-        now = field.blobs_out_ns.max(now);
-        assembler.add(field, now, &mut close);
-    }
-    while let Some(closed) = assembler.flush(now) {
-        close(assembler.used(), closed);
-    }
+    let mut stream = StreamTracker::new(rig);
+    let mut visit = |frame: TrackerFrame, used: &[BlobField], _: &ClosedFrame| visit(&frame, used);
+    fields.iter().for_each(|field| stream.push(field, &mut visit));
+    stream.finish(visit);
 }

@@ -17,6 +17,7 @@ use protocol::blobs::BlobField;
 use protocol::limits::{BODIES, MAX_CAMERAS, MAX_FIELDS_USED};
 use protocol::poses::{BodyStatus, ClosedBy, EYE, FieldUsed, TrackerFrame};
 use protocol::rig::Rig;
+use protocol::time::Nanos;
 
 /// The exposure that a frame is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -264,6 +265,13 @@ fn group_len(fields: &[BlobField]) -> usize {
         cameras |= bit;
     }
     fields.len()
+}
+
+/// Copies the instants of the fields into the frame, and that at which they were taken.
+pub fn stamp(frame: &mut TrackerFrame, used: &[BlobField], taken: Nanos) {
+    frame.instants.read_out = used.iter().map(|f| f.read_out_ns).max().unwrap_or(0);
+    frame.instants.blobs_out = used.iter().map(|f| f.blobs_out_ns).max().unwrap_or(0);
+    frame.instants.taken = taken;
 }
 
 /// Notes how a frame was closed. Where the next field of the reference camera came first, the

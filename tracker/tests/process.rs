@@ -1,15 +1,18 @@
-//! The process itself: fields in over shared memory, frames out, flush, reset, recorded, shutdown.
+//! The process itself: fields in over shared memory, frames out, reset, shutdown.
 
 use blob_stream::BlobReader;
-use bytemuck::Zeroable;
 use ipc::{Instance, Queue, Receiver, Sender, wait};
 use protocol::blobs::BlobField;
-use protocol::control::{Answer, Command as Ask, EVERY_PROCESS, RecordedFrame, Request};
+use protocol::control::{Answer, Command as Ask, EVERY_PROCESS, Request};
 use protocol::health::{Health, Process, STATE_RUNNING};
-use protocol::poses::TrackerFrame;
+use protocol::poses::{ClosedBy, TrackerFrame};
+use protocol::rig::Rig;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command};
 use std::time::{Duration, Instant};
+use tracker::tracker::{close, stamp};
+use tracker::{Reference, Tracker};
 
 /// Nothing here takes longer on the slowest machine.
 const WATCHDOG: Duration = Duration::from_secs(60);
@@ -19,7 +22,6 @@ const BATCH: usize = 60;
 struct Setup {
     child: Child,
     blobs: Sender<BlobField>,
-    recorded: Sender<RecordedFrame>,
     control: Sender<Request>,
     poses: Receiver<TrackerFrame>,
     answers: Receiver<Answer>,
@@ -37,20 +39,19 @@ fn fields() -> Vec<BlobField> {
 }
 
 impl Setup {
-    fn start(mode: &str) -> Setup {
-        let name = format!("tp{}{}", &mode[2..4], std::process::id() % 1_000_000);
+    fn start() -> Setup {
+        let name = format!("tp{}", std::process::id() % 1_000_000);
         let instance = Instance::own(&name).unwrap();
         let health = instance.receiver(Queue::InOrder).unwrap();
         let mut setup = Setup {
             blobs: instance.sender().unwrap(),
-            recorded: instance.sender().unwrap(),
             control: instance.sender().unwrap(),
             poses: instance.receiver(Queue::InOrder).unwrap(),
             answers: instance.receiver(Queue::InOrder).unwrap(),
             health,
             asked: 0,
             child: Command::new(env!("CARGO_BIN_EXE_vitreo-tracker"))
-                .args(["--instance", &name, mode, "--rig"])
+                .args(["--instance", &name, "--rig"])
                 .arg(folder().join("rig.json"))
                 .spawn()
                 .unwrap(),
@@ -87,15 +88,16 @@ impl Setup {
         std::iter::from_fn(|| self.poses.next_valid().unwrap()).collect()
     }
 
-    /// Sends fields a queue's length at a time; a ping after each shows that they were taken.
+    /// Sends fields a queue's length at a time.
     fn send(&mut self, fields: &[BlobField]) -> Vec<TrackerFrame> {
         let mut frames = Vec::new();
         for batch in fields.chunks(BATCH) {
             for field in batch {
                 self.blobs.send(field).unwrap();
             }
-            self.ask(Ask::Ping);
-            self.ask(Ask::Ping);
+            // One a turn of the loop, unlike pings: before the second the fields were taken.
+            self.ask(Ask::Start);
+            self.ask(Ask::Start);
             frames.extend(self.frames());
         }
         frames
@@ -116,52 +118,36 @@ fn result_of(frame: &TrackerFrame) -> Vec<u8> {
     bytemuck::bytes_of(&frame).to_vec()
 }
 
+/// What a tracker makes of the fields that the process says it used.
+fn again(frames: &[TrackerFrame]) -> Vec<TrackerFrame> {
+    let all: HashMap<_, BlobField> = fields().into_iter().map(|f| ((f.camera, f.exposed_ns), f)).collect();
+    let mut tracker = Tracker::new(&Rig::load(&folder().join("rig.json")).unwrap());
+    let track = |frame: &TrackerFrame| {
+        let used: Vec<BlobField> = frame.used().iter().map(|u| all[&(u.camera, u.exposed_ns)]).collect();
+        let reference =
+            Reference { camera: frame.camera, field: frame.field, exposed_ns: frame.instants.exposed };
+        let mut again = tracker.track(&used, &reference);
+        close(&mut again, ClosedBy::from_wire(frame.closed_by));
+        stamp(&mut again, &used, 0);
+        again.fields_refused = frame.fields_refused;
+        again
+    };
+    frames.iter().map(track).collect()
+}
+
 #[test]
-fn a_stream_on_its_own_clock_is_repeated_by_its_recorded_frames() {
-    let mut setup = Setup::start("--stream-clock");
-    let mut frames = setup.send(&fields());
-    assert_eq!(setup.ask(Ask::Flush).result, 0);
-    frames.extend(setup.frames());
-    assert!(frames.iter().enumerate().all(|(n, f)| f.frame == n as u64));
-    assert!(frames.len() >= 99, "{} frames", frames.len());
-    assert!(frames.iter().all(|f| f.instants.tracked >= f.instants.taken && f.instants.taken > 0));
-
-    assert_eq!(setup.ask(Ask::Reset).result, 0);
-    let again = setup.send(&fields());
-    assert!(again.iter().zip(&frames).all(|(a, b)| result_of(a) == result_of(b)), "after a reset");
-    assert_eq!(setup.ask(Ask::Snapshot).result, 1);
-    drop(setup);
-
-    let mut setup = Setup::start("--replay");
-    let all = fields();
-    let mut sent = 0;
-    for frame in &frames {
-        let mut recorded = RecordedFrame::zeroed();
-        (recorded.frame, recorded.field, recorded.camera) = (frame.frame, frame.field, frame.camera);
-        (recorded.exposed_ns, recorded.closed_by) = (frame.instants.exposed, frame.closed_by);
-        (recorded.used, recorded.used_count) = (frame.used, frame.used_count);
-        setup.recorded.send(&recorded).unwrap();
-        let newest = frame.used().iter().map(|u| u.exposed_ns).max().unwrap();
-        while sent < all.len() && all[sent].exposed_ns <= newest {
-            setup.blobs.send(&all[sent]).unwrap();
-            sent += 1;
-        }
-        // Fields come by arrival, recorded by exposure: one more may be needed.
-        let mut extra = all[sent..].iter().take(3);
-        for field in extra.by_ref() {
-            setup.blobs.send(field).unwrap();
-        }
-        sent = (sent + 3).min(all.len());
-        let answer = setup.until("the recorded frame arrives", |s| s.poses.next_valid().unwrap());
-        assert!(result_of(&answer) == result_of(frame), "frame {}", frame.frame);
+fn what_the_process_makes_of_fields_is_what_the_tracker_makes_of_them() {
+    let mut setup = Setup::start();
+    for _ in 0..2 {
+        let frames = setup.send(&fields());
+        assert!(frames.iter().enumerate().all(|(n, f)| f.frame == n as u64), "from 0 on, also after a reset");
+        assert!(frames.len() >= 50, "{} frames", frames.len());
+        assert!(frames.iter().all(|f| f.instants.tracked >= f.instants.taken && f.instants.taken > 0));
+        let same = again(&frames).iter().zip(&frames).all(|(a, b)| result_of(a) == result_of(b));
+        assert!(same, "{} frames", frames.len());
+        assert_eq!(setup.ask(Ask::Reset).result, 0);
     }
-    let mut missing = RecordedFrame::zeroed();
-    (missing.frame, missing.exposed_ns, missing.used_count) = (1000, 1, 1);
-    missing.used[0].field = 77;
-    setup.recorded.send(&missing).unwrap();
-    setup.ask(Ask::Ping);
-    let refused = setup.ask(Ask::Flush);
-    assert_eq!((refused.result, refused.text()), (1, "frame 1000 waits for field 77 of camera 0".into()));
+    assert_eq!(setup.ask(Ask::Snapshot).result, 1);
     assert_eq!(setup.ask(Ask::Shutdown).result, 0);
     assert!(setup.child.wait().unwrap().success());
 }

@@ -2,7 +2,6 @@
 //! cameras, and the renderer draws what the simulation sends. For reference pictures and those of
 //! the documentation.
 
-use offline::film::{FIELDS_PER_S, Film};
 use protocol::bindings::next_steps;
 use protocol::rig::Rig;
 use renderer::frame::Renderer;
@@ -13,6 +12,7 @@ use renderer::readback::Picture;
 use renderer::reference_scene::SceneBlock;
 use renderer::start::renderer_config;
 use renderer::stereo::{Arrangement, arrange};
+use replay::film::{FIELDS_PER_S, Film};
 use scene::SceneFile;
 use surgeon::skill::EXPERT;
 

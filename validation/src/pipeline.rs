@@ -3,13 +3,13 @@
 //! of the live run.
 
 use crate::camera_twin::CameraTwin;
-use offline::perception::WorldPerception;
 use protocol::handles::HandleState;
 use protocol::limits::{FIELD_PERIOD_NS, INSTRUMENTS};
 use protocol::poses::TrackerFrame;
 use protocol::rig::Rig;
 use protocol::steps::{StepInput, StepRecord};
 use recording::{Item, RecordingError, Writer};
+use replay::perception::WorldPerception;
 use scene::SceneFile;
 use simcore::world::{World, no_clock};
 use surgeon::motion::{MotionSource, MotionUse};

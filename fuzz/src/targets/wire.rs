@@ -6,7 +6,7 @@ use blob_stream::{parse_line, write_line};
 use bytemuck::Zeroable;
 use protocol::blobs::BlobField;
 use protocol::budget::{frame_latencies, pose_latencies, step_latencies};
-use protocol::control::{Answer, Command, Notice, RecordedFrame, Request};
+use protocol::control::{Answer, Command, Notice, Request};
 use protocol::events::Event;
 use protocol::fields::{FieldHeader, FieldPicture};
 use protocol::frames::{FrameRecord, PictureHeader};
@@ -23,7 +23,6 @@ use protocol::steps::{CheckpointHeader, StepRecord};
 use protocol::wire::layout_of;
 use recording::Item;
 use std::hint::black_box;
-use tracker::replay::FieldStore;
 
 /// Targets of all messages.
 pub fn targets() -> Vec<Target> {
@@ -47,7 +46,6 @@ pub fn targets() -> Vec<Target> {
         target::<Request>("request", |b| {
             take(b, |r: &Request, _| _ = black_box(Command::from_wire(r.command)))
         }),
-        target::<RecordedFrame>("recorded-frame", |b| take(b, recorded_frame)),
         target::<Answer>("answer", |b| take(b, |a: &Answer, rare| text(rare, || a.text()))),
         target::<Notice>("notice", |b| take(b, |n: &Notice, rare| text(rare, || n.text()))),
         target::<InputEvent>("input", |b| take(b, input)),
@@ -125,7 +123,7 @@ fn item(rare: bool, item: impl FnOnce() -> Item) {
     if rare {
         let item = item();
         black_box(item.encoded());
-        black_box(launcher::export::row(&item));
+        black_box(replay::export::row(&item));
         black_box(item.instant_ns());
     }
 }
@@ -161,7 +159,7 @@ fn poses(frame: &TrackerFrame, rare: bool) {
         black_box(
             renderer::latch::latch(frame, frame.instants.exposed.saturating_add(50_000_000)).all_tracked(),
         );
-        let mut csv = launcher::poses_csv::PosesCsv::new(Vec::new()).expect("memory");
+        let mut csv = blob_stream::poses_csv::PosesCsv::new(Vec::new()).expect("memory");
         csv.measured(frame, frame.instants.tracked).expect("memory");
         csv.predicted(frame, frame.instants.tracked, frame.instants.tracked).expect("memory");
     }
@@ -206,14 +204,6 @@ fn event(event: &Event, rare: bool) {
 fn frame(frame: &FrameRecord, rare: bool) {
     black_box(frame_latencies(frame));
     item(rare, || Item::Frame(*frame));
-}
-
-fn recorded_frame(recorded: &RecordedFrame, rare: bool) {
-    if rare {
-        let mut store = FieldStore::default();
-        black_box(store.missing(recorded));
-        black_box(store.take(recorded).is_some());
-    }
 }
 
 fn input(event: &InputEvent, _: bool) {

@@ -89,14 +89,14 @@ impl Subject {
                  makes a recording that has them"
             );
         }
-        args.span.check(&recording)?;
+        args.span.check(recording.path(), || recording.exposed_s())?;
         Rig::parse(&provenance.rig_json, "of the recording")?;
         let [scene, rig] = [&provenance.scene_toml, &provenance.rig_json].map(|text| MemoryFile::new(text));
         Ok(Subject::Recording {
             file: file.into(),
             scene: scene?,
             rig: rig?,
-            length_s: args.span.length_s(&recording),
+            length_s: args.span.length_s(recording.exposed_s()),
         })
     }
 
@@ -105,16 +105,16 @@ impl Subject {
         TIERS[usize::from(matches!(self, Subject::Recording { .. }))]
     }
 
-    /// Tells `vitreo-offline` to write its scenes.
+    /// Tells `vitreo-replay` to write its scenes.
     pub fn for_simulation(&self, args: &FilmArgs, command: &mut Command) {
         match self {
             Subject::Module { composed, seed, length_s } => {
                 let every = FIELDS_PER_PICTURE.to_string();
-                command.args(["film", "--scene", &composed.name(), "--every", &every]);
+                command.args(["scenes", "--scene", &composed.name(), "--every", &every]);
                 command.args(["--seed", &seed.to_string(), "--length", &length_s.to_string()]);
             }
             Subject::Recording { file, .. } => {
-                command.args(["film-recording", "--from", &args.span.from.to_string()]);
+                command.args(["recorded-scenes", "--from", &args.span.from.to_string()]);
                 if let Some(until) = args.span.until {
                     command.args(["--until", &until.to_string()]);
                 }

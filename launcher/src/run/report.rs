@@ -6,9 +6,8 @@ pub use paper::{PaperLine, paper_table_4};
 
 use super::latency_stats::{LatencyStats, StageFigures};
 use super::load::{Load, NO_LOAD};
-use super::watch::Warning;
 use crate::machine::Machine;
-use crate::tracking::TrackingFigures;
+use diagnosis::{TrackingFigures, Warning};
 use protocol::steps::{StepProfile, StepRecord};
 use serde::Serialize;
 use std::collections::BTreeMap;

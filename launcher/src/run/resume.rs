@@ -1,5 +1,6 @@
 //! What a restarted simulation needs to go on where its predecessor stood: a checkpoint and every
-//! input since, in a bounded ring. Pure but for the journals it writes.
+//! input since, in a bounded queue. Pure but for the journals it writes. Which of them the checkpoint's
+//! state has consumed is the simulation's to know.
 //!
 //! A simulation that dies while it is resuming is resumed again from the same past. If that past
 //! may be what kills it, the checkpoint before the newest is tried, which leads to the same state
@@ -7,36 +8,29 @@
 
 use ipc::Instance;
 use protocol::journal::{self, Entry};
-use protocol::steps::{CheckpointHeader, StepRecord};
 use recording::Item;
 use std::collections::VecDeque;
 use std::fs::{self, File};
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
-/// Inputs and steps kept since a checkpoint. One comes every 5 s at least, in which some 1,300 of
-/// them arrive; two such times are kept.
-const RING: usize = 8192;
+/// Checkpoints kept: two from which a simulation may go on, and the one before them, since which
+/// everything has come that the older of the two has not consumed.
+const CHECKPOINTS: usize = 3;
+/// Items kept. A checkpoint comes every 5 s at least, in which some 1,300 of them arrive.
+const ROOM: usize = 16_384;
 /// Deaths in a row while resuming after which another past is tried: that since the checkpoint
 /// before the newest, then none.
 const NEWEST_TRIES: u32 = 3;
 const OLDER_TRIES: u32 = 2;
 
-/// A checkpoint and the inputs and steps since.
-#[derive(Debug, Clone, Default)]
-struct Trail {
-    checkpoint: Option<Item>,
-    items: VecDeque<Item>,
-    /// True if inputs since the checkpoint (or the start) were dropped from the ring.
-    gap: bool,
-}
-
-/// The newest two checkpoints and the inputs since.
+/// The newest checkpoints and the inputs and steps since.
 #[derive(Debug, Default)]
 pub struct Resume {
-    newest: Trail,
-    /// Since the checkpoint before, or the start.
-    older: Trail,
+    /// In the order in which they came, since the oldest checkpoint that is kept or the start.
+    items: VecDeque<Item>,
+    /// Something since the start was dropped.
+    gap: bool,
     /// A step was made since the start.
     begun: bool,
     /// Simulations in a row that died while they were resuming.
@@ -57,76 +51,57 @@ pub enum Origin {
     Lost,
 }
 
-impl Trail {
-    fn push(&mut self, item: Item) {
-        if self.items.len() == RING {
-            self.items.pop_front();
-            self.gap = true;
-        }
-        self.items.push_back(item);
-    }
-
-    /// True if the simulation can go on from here. Without a checkpoint it can be computed again
-    /// from the start only if no input is missing.
-    fn is_usable(&self) -> bool {
-        self.checkpoint.is_some() || (!self.gap && !self.items.is_empty())
-    }
-
-    /// Drops what the checkpoint's state has consumed. Matching is by place, not by number alone:
-    /// a restarted sender counts from 0 again.
-    fn trim(&mut self, header: &CheckpointHeader) {
-        let last = |matches: &dyn Fn(&Item) -> bool| self.items.iter().rposition(matches);
-        let is_step = |s: &StepRecord| s.step == header.step && s.state_hash == header.state_hash;
-        let step_at = last(&|i| matches!(i, Item::Step(s) if is_step(s)));
-        let frame = step_at.and_then(|at| match &self.items[at] {
-            Item::Step(step) => Some(step.frame),
-            _ => None,
-        });
-        let of_step = |field: u64, number: u64| field == header.field && frame.is_none_or(|f| f == number);
-        let pose_at = last(&|i| matches!(i, Item::Poses(p) if of_step(p.field, p.frame)));
-        let handle_at =
-            last(&|i| matches!(i, Item::Handle(h) if h.seq.wrapping_add(1) == header.handles_below));
-        let pedal_at = last(&|i| matches!(i, Item::Pedal(p) if p.seq.wrapping_add(1) == header.pedals_below));
-        let mut place = 0;
-        self.items.retain(|item| {
-            let consumed_to = match item {
-                Item::Step(_) => step_at,
-                Item::Poses(_) => pose_at,
-                Item::Handle(_) => handle_at,
-                _ => pedal_at,
-            };
-            place += 1;
-            consumed_to.is_none_or(|last| place - 1 > last)
-        });
-    }
-
-    /// Writes it as a journal, whole or not at all.
-    fn write(&self, file: &Path) -> io::Result<()> {
-        let items = self.checkpoint.iter().chain(&self.items);
-        let entries: Vec<Entry> = items.filter_map(|i| i.clone().into_entry()).collect();
-        let part = file.with_extension("part");
-        journal::write(&mut BufWriter::new(File::create(&part)?), entries.iter())?;
-        fs::rename(part, file)
-    }
-}
-
 impl Resume {
     /// Takes an item; other kinds than inputs, steps and checkpoints are passed over.
     pub fn note(&mut self, item: &Item) {
         match item {
             Item::Handle(_) | Item::Pedal(_) | Item::Poses(_) | Item::Step(_) => {
                 self.begun |= matches!(item, Item::Step(_));
-                self.older.push(item.clone());
-                self.newest.push(item.clone());
             }
-            Item::Checkpoint(header, _) => {
-                let items = self.newest.items.clone();
-                let mut next = Trail { checkpoint: Some(item.clone()), items, gap: false };
-                next.trim(header);
-                self.older = std::mem::replace(&mut self.newest, next);
-            }
-            _ => {}
+            Item::Checkpoint(..) => self.forget_before(CHECKPOINTS - 1),
+            _ => return,
         }
+        if self.items.len() == ROOM {
+            self.items.pop_front();
+            self.gap = true;
+        }
+        self.items.push_back(item.clone());
+    }
+
+    /// Drops what came before the newest `kept` checkpoints, where there are so many.
+    fn forget_before(&mut self, kept: usize) {
+        if let Some(oldest) = self.checkpoint(kept - 1) {
+            self.items.drain(..oldest);
+            self.gap = true;
+        }
+    }
+
+    /// Place of the newest checkpoint but `back`.
+    fn checkpoint(&self, back: usize) -> Option<usize> {
+        let places = self.items.iter().enumerate().filter(|(_, i)| matches!(i, Item::Checkpoint(..)));
+        places.rev().nth(back).map(|(at, _)| at)
+    }
+
+    /// True if the simulation can go on from the newest checkpoint but `back`. Without one it can be
+    /// computed again from the start only if no input is missing.
+    fn is_usable(&self, back: usize) -> bool {
+        self.checkpoint(back).is_some() || (!self.gap && !self.items.is_empty())
+    }
+
+    /// The newest checkpoint but `back`, and what may not be consumed by it, in the order in which it
+    /// came.
+    fn past(&self, back: usize) -> impl Iterator<Item = &Item> {
+        let (from, before) = (self.checkpoint(back), self.checkpoint(back + 1).map_or(0, |at| at + 1));
+        let items = self.items.iter().enumerate().skip(before);
+        items.filter(move |(at, i)| !matches!(i, Item::Checkpoint(..)) || Some(*at) == from).map(|(_, i)| i)
+    }
+
+    /// Writes a past as a journal, whole or not at all.
+    fn write(&self, back: usize, file: &Path) -> io::Result<()> {
+        let entries: Vec<Entry> = self.past(back).filter_map(|i| i.clone().into_entry()).collect();
+        let part = file.with_extension("part");
+        journal::write(&mut BufWriter::new(File::create(&part)?), entries.iter())?;
+        fs::rename(part, file)
     }
 
     /// Forgets everything: the simulation starts from its scene.
@@ -138,9 +113,9 @@ impl Resume {
     /// or was not.
     fn origin(&mut self, was_at_work: bool) -> Origin {
         self.failed = if was_at_work { 0 } else { self.failed + 1 };
-        let tries = NEWEST_TRIES + if self.older.is_usable() { OLDER_TRIES } else { 0 };
+        let tries = NEWEST_TRIES + if self.is_usable(1) { OLDER_TRIES } else { 0 };
         match self.begun {
-            true if self.newest.is_usable() && self.failed < tries => Origin::Past,
+            true if self.is_usable(0) && self.failed < tries => Origin::Past,
             true => Origin::Lost,
             false => Origin::Beginning,
         }
@@ -172,8 +147,7 @@ impl Resume {
     /// Where the file cannot be written; the simulation then gives up waiting, and is started again.
     pub fn serve(&self) -> io::Result<()> {
         let Some(file) = self.waiting.as_deref() else { return Ok(()) };
-        let trail = if self.failed < NEWEST_TRIES { &self.newest } else { &self.older };
-        trail.write(file)
+        self.write(usize::from(self.failed >= NEWEST_TRIES), file)
     }
 }
 
@@ -183,6 +157,7 @@ mod tests {
     use bytemuck::Zeroable;
     use protocol::handles::{HandleState, PedalState};
     use protocol::poses::TrackerFrame;
+    use protocol::steps::{CheckpointHeader, StepRecord};
 
     fn handle(seq: u64) -> Item {
         Item::Handle(HandleState { seq, tool: 1, ..HandleState::zeroed() })
@@ -207,51 +182,46 @@ mod tests {
         Item::Checkpoint(header, Vec::new())
     }
 
-    fn kept(trail: &Trail) -> Vec<String> {
+    fn past(resume: &Resume, back: usize) -> Vec<String> {
         let name = |i: &Item| match i {
             Item::Handle(h) => format!("h{}", h.seq),
             Item::Pedal(p) => format!("p{}", p.seq),
-            Item::Poses(p) => format!("f{}/{}", p.field, p.frame),
+            Item::Poses(p) => format!("f{}", p.field),
             Item::Step(s) => format!("s{}", s.step),
+            Item::Checkpoint(c, _) => format!("c{}", c.step),
             _ => "?".into(),
         };
-        trail.items.iter().map(name).collect()
+        resume.past(back).map(name).collect()
     }
 
     #[test]
-    fn a_checkpoint_drops_what_it_has_consumed_and_keeps_what_overtook_it() {
+    fn a_past_is_a_checkpoint_and_everything_since_the_one_before() {
         let mut resume = Resume::default();
-        for item in [handle(0), pose(10, 0), step(0, 10, 0), handle(1), pedal(0), pose(11, 1), step(1, 11, 1)]
-        {
-            resume.note(&item);
+        for n in 1..=4 {
+            [handle(n), pose(10 + n, n), step(n, 10 + n, n)].iter().for_each(|item| resume.note(item));
+            if n == 1 {
+                assert_eq!(past(&resume, 0), ["h1", "f11", "s1"], "there is no checkpoint");
+            }
+            resume.note(&checkpoint(n, 10 + n, n + 1));
         }
-        resume.note(&checkpoint(0, 10, 1));
-        assert_eq!(kept(&resume.newest), ["h1", "p0", "f11/1", "s1"]);
-        assert_eq!(kept(&resume.older).len(), 7, "everything since the start");
-        resume.note(&handle(2));
-        assert_eq!((kept(&resume.newest).len(), kept(&resume.older).len()), (5, 8));
-    }
-
-    #[test]
-    fn a_restarted_sender_is_told_from_its_predecessor() {
-        let mut resume = Resume::default();
-        // Cameras and tracker were restarted: fields, frames and handles count from 0 again.
-        for item in [handle(4), pose(7, 7), step(7, 7, 7), handle(0), pose(7, 0), step(8, 7, 0), handle(1)] {
-            resume.note(&item);
-        }
-        resume.note(&checkpoint(8, 7, 1));
-        assert_eq!(kept(&resume.newest), ["h1"]);
+        resume.note(&pedal(0));
+        assert_eq!(past(&resume, 0), ["h4", "f14", "s4", "c4", "p0"]);
+        assert_eq!(past(&resume, 1), ["h3", "f13", "s3", "c3", "h4", "f14", "s4", "p0"]);
+        let kept = resume.items.iter().filter(|i| matches!(i, Item::Checkpoint(..))).count();
+        assert_eq!((kept, resume.items.len()), (CHECKPOINTS, 10));
     }
 
     #[test]
     fn without_a_checkpoint_the_start_must_be_whole() {
-        let mut trail = Trail::default();
-        assert!(!trail.is_usable());
-        trail.push(pose(0, 0));
-        assert!(trail.is_usable());
-        (0..RING as u64).for_each(|seq| trail.push(handle(seq)));
-        assert!(!trail.is_usable());
-        assert_eq!(trail.items.len(), RING);
+        let mut resume = Resume::default();
+        assert!(!resume.is_usable(0));
+        resume.note(&pose(0, 0));
+        assert!(resume.is_usable(0) && resume.is_usable(1));
+        (0..ROOM as u64).for_each(|seq| resume.note(&handle(seq)));
+        assert!(!resume.is_usable(0) && !resume.is_usable(1));
+        assert_eq!(resume.items.len(), ROOM);
+        resume.note(&checkpoint(1, 10, 0));
+        assert!(resume.is_usable(0) && !resume.is_usable(1));
     }
 
     #[test]
@@ -286,7 +256,7 @@ mod tests {
             let all = std::iter::from_fn(|| journal.next_entry().unwrap());
             all.map(|e| matches!(e, Entry::Checkpoint(..))).collect::<Vec<_>>()
         };
-        assert_eq!(entries(&resume), [true, false, false], "the checkpoint and two handles");
+        assert_eq!(entries(&resume), [false, true, false, false], "the checkpoint among the handles");
         resume.failed = NEWEST_TRIES;
         assert_eq!(entries(&resume), [false; 3], "from the start: every handle");
     }

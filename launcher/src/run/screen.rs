@@ -3,9 +3,8 @@
 use super::latency_stats::LatencyStats;
 use super::monitor::{CHANNELS, Monitor};
 use super::supervisor::Slot;
-use super::watch::Watch;
-use crate::tracking::Finding;
 use bytemuck::Zeroable;
+use diagnosis::{Finding, Watch};
 use ipc::logging::{inform, is_json};
 use protocol::budget::{Budgets, Stage};
 use protocol::health::{Health, STATE_DEGRADED, STATE_FINISHED, STATE_RUNNING};

@@ -1,8 +1,7 @@
 //! Processes that take in and put out nothing: a run must not go on as if they worked. Pure.
 
 use super::monitor::CHANNELS;
-use super::watch::Warning;
-use crate::tracking::Finding;
+use diagnosis::{Finding, Warning};
 use protocol::health::Process;
 use protocol::time::Nanos;
 

@@ -1,17 +1,10 @@
-//! What a run should not keep silent: findings that last, from when to when. Pure.
+//! What is wrong with a run besides its tracking: inputs that never came, a slow picture. Pure.
 
 use super::monitor::Monitor;
 use super::options::RunArgs;
-use crate::tracking::{Finding, Tracking};
+use diagnosis::{Finding, Tracking};
 use protocol::time::Nanos;
-use serde::Serialize;
 
-/// Periods in a row for which something must be wrong before it is told.
-const LASTS: u32 = 2;
-/// Periods in a row after which it is over.
-const OVER: u32 = 3;
-/// Findings kept for the report.
-const KEPT: usize = 100;
 /// Time after the start within which a handle or pedal must have come, ns.
 const INPUT_NS: u64 = 3_000_000_000;
 /// Stereo frames a second that are asked for: the paper's display shows 85 pictures a second, one
@@ -19,76 +12,6 @@ const INPUT_NS: u64 = 3_000_000_000;
 const ASKED_HZ: f64 = 42.5;
 /// Share of the asked rate below which a picture is told to be slow.
 const SLOW_SHARE: f64 = 0.8;
-
-/// A finding that lasted.
-#[derive(Debug, Clone, Serialize)]
-pub struct Warning {
-    /// When it was told, s since the start.
-    pub from_s: f64,
-    /// When it was over, s; `None` where it lasts.
-    pub to_s: Option<f64>,
-    /// What it is.
-    #[serde(flatten)]
-    pub finding: Finding,
-}
-
-/// A finding that may last.
-#[derive(Debug)]
-struct Candidate {
-    finding: Finding,
-    seen: u32,
-    absent: u32,
-    /// Index of the warning, once it was told.
-    told: Option<usize>,
-}
-
-/// Watches a run.
-#[derive(Debug, Default)]
-pub struct Watch {
-    candidates: Vec<Candidate>,
-    warnings: Vec<Warning>,
-}
-
-impl Watch {
-    /// Takes what was found in a period; returns what is to be told now for the first time.
-    pub fn note(&mut self, at_s: f64, found: &[Finding]) -> Vec<Finding> {
-        let mut news = Vec::new();
-        for finding in found {
-            let index = self.candidates.iter().position(|c| c.finding.subject == finding.subject);
-            let index = index.unwrap_or_else(|| {
-                self.candidates.push(Candidate { finding: finding.clone(), seen: 0, absent: 0, told: None });
-                self.candidates.len() - 1
-            });
-            let candidate = &mut self.candidates[index];
-            (candidate.seen, candidate.absent) = (candidate.seen + 1, 0);
-            candidate.finding = finding.clone();
-            if candidate.seen >= LASTS && candidate.told.is_none() && self.warnings.len() < KEPT {
-                candidate.told = Some(self.warnings.len());
-                self.warnings.push(Warning { from_s: at_s, to_s: None, finding: finding.clone() });
-                news.push(finding.clone());
-            }
-        }
-        let present = |c: &Candidate| found.iter().any(|f| f.subject == c.finding.subject);
-        for candidate in self.candidates.iter_mut().filter(|c| !present(c)) {
-            candidate.absent += 1;
-            if let Some(told) = candidate.told.filter(|_| candidate.absent == OVER) {
-                self.warnings[told].to_s = Some(at_s);
-            }
-        }
-        self.candidates.retain(|c| c.absent < if c.told.is_some() { OVER } else { 1 });
-        news
-    }
-
-    /// What is wrong now.
-    pub fn present(&self) -> impl Iterator<Item = &Finding> {
-        self.candidates.iter().filter(|c| c.told.is_some()).map(|c| &c.finding)
-    }
-
-    /// Everything that was told.
-    pub fn warnings(&self) -> &[Warning] {
-        &self.warnings
-    }
-}
 
 /// What is wrong with a run in the newest period, `since_ns` after its start.
 pub fn findings(args: &RunArgs, tracking: &Tracking, monitor: &Monitor, since_ns: Nanos) -> Vec<Finding> {
@@ -137,27 +60,6 @@ mod tests {
     use protocol::frames::FrameRecord;
     use protocol::rig::Rig;
     use recording::Item;
-
-    fn finding(subject: &str) -> Finding {
-        let [what, cause, remedy] = ["a", "b", "c"].map(String::from);
-        Finding { what, cause, remedy, subject: subject.into() }
-    }
-
-    #[test]
-    fn what_lasts_is_told_once_and_ends() {
-        let mut watch = Watch::default();
-        let x = [finding("x")];
-        assert!(watch.note(1.0, &x).is_empty(), "a moment is no news");
-        assert_eq!(watch.note(2.0, &x).len(), 1);
-        assert!(watch.note(3.0, &x).is_empty() && watch.note(4.0, &[]).is_empty());
-        assert_eq!(watch.present().count(), 1, "a gap of a period is none");
-        watch.note(5.0, &[]);
-        watch.note(6.0, &[]);
-        assert_eq!((watch.present().count(), watch.warnings().len()), (0, 1));
-        assert_eq!((watch.warnings()[0].from_s, watch.warnings()[0].to_s), (2.0, Some(6.0)));
-        watch.note(7.0, &x);
-        assert_eq!(watch.note(8.0, &x).len(), 1, "told again when it comes again");
-    }
 
     #[test]
     fn pedal_handles_and_a_slow_picture_are_missed() {

@@ -7,6 +7,8 @@
 //! file may hold more blobs a field than a [`BlobField`] ([`write_blobs`]), and lines without any,
 //! which give number and exposure of a field only ([`HeadReader`]).
 
+pub mod poses_csv;
+
 use bytemuck::Zeroable;
 use protocol::blobs::{Blob, BlobField, Colour, DEFAULT_VARIANCE_PX2};
 use protocol::file::looks_like;

@@ -3,7 +3,7 @@
 use super::Session;
 use crate::run::screen::Status;
 use crate::run::watch::findings;
-use crate::tracking::Finding;
+use diagnosis::Finding;
 use ipc::clock::now;
 use protocol::control::Notice;
 use protocol::message::text_bytes;

@@ -1,0 +1,21 @@
+//! Exit codes, a contract with other people's scripts.
+
+/// Something failed.
+pub const FAILED: u8 = 1;
+/// Wrong use: an option, or a name that there is not. clap exits with it by itself.
+pub const WRONG_USE: u8 = 2;
+/// Done, but something was lost.
+pub const LOSS: u8 = 3;
+/// A latency budget was broken.
+pub const BUDGET: u8 = 4;
+/// Verification found a difference.
+pub const DIFFERS: u8 = 5;
+/// A body was tracked less than asserted.
+pub const UNTRACKED: u8 = 6;
+/// A signal ended it: Ctrl-C, say.
+pub const INTERRUPTED: u8 = 130;
+
+/// The command was asked for something that there is not; nothing was begun.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct WrongUse(pub String);

@@ -1,0 +1,313 @@
+//! `vitreo replay`: a recording runs through tracker and simulation again ([`crate::engine`]), at its
+//! pace or as fast as it can be computed, and is compared, counted and written.
+
+use crate::engine::{Made, Recorded, Streamed, stream};
+use crate::pace::{Pace, Part, Stopped};
+use crate::report::{Figures, Products};
+use crate::resimulate::scene_of;
+use crate::stop::StopSignal;
+use crate::verify::Verdict;
+use anyhow::{Context, bail};
+use collision::backend::Backend;
+use diagnosis::untracked;
+use ipc::clock::now;
+use ipc::logging::warn;
+use outputs::exit::{DIFFERS, LOSS, UNTRACKED};
+use outputs::println;
+use protocol::rig::Rig;
+use recording::{Recording, RecordingError, Source};
+use settings::commands::ReplayArgs;
+use simcore::world::World;
+use std::ops::ControlFlow;
+use std::process::ExitCode;
+use std::time::Instant;
+
+/// Runs it.
+///
+/// # Errors
+/// Where the recording cannot be read or replayed, or a file cannot be written.
+pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
+    let recording = Recording::open(&args.file)?;
+    let desk = recording.provenance().config.contains_key(recording::DESK);
+    check(args, &recording, desk)?;
+    let rig = Rig::parse(&recording.provenance().rig_json, "of the recording")?;
+    tracker::rig_check::check(&rig).context("the recording's rig cannot work")?;
+    let mut products = Products::open(args, &rig)?;
+    products.figures.desk = desk;
+    let verdict = args.verify.then(|| Verdict::new(recording.provenance(), desk));
+    let stop = StopSignal::install().context("signals")?;
+    let mut replay =
+        Replay { args, recording: &recording, rig, pace: Pace::new(args, &stop), products, verdict };
+    let stopped = match replay.play() {
+        Ok(damage) => {
+            let figures = &mut replay.products.figures;
+            figures.cut = matches!(damage, Some(RecordingError::Truncated { .. }));
+            figures.damage = damage.map(|d| d.to_string());
+            false
+        }
+        Err(error) if error.is::<Stopped>() => true,
+        Err(error) => return Err(error),
+    };
+    let Replay { mut products, verdict, .. } = replay;
+    products.figures.unclosed = !recording.is_finished();
+    products.figures.verify = verdict;
+    let figures = products.finish()?;
+    print(&figures);
+    if stopped && args.lockstep {
+        bail!(Stopped);
+    }
+    judge(args, &figures)
+}
+
+/// Refuses what cannot be asked of a recording.
+fn check(args: &ReplayArgs, recording: &Recording, desk: bool) -> anyhow::Result<()> {
+    let file = args.file.display();
+    if desk && (!args.verify || args.poses.is_some() || args.assert_tracking.is_some()) {
+        bail!(
+            "{file}: made at a desk, without cameras: there are no blobs to replay; --verify alone compares its \
+             states, vitreo score --resimulate simulates it again"
+        );
+    }
+    if args.verify && recording.provenance().source == Source::Import {
+        bail!("{file}: an imported stream holds no results to compare with");
+    }
+    Ok(args.span.check(&args.file, || recording.exposed_s())?)
+}
+
+/// The exit code, by what was asserted and compared.
+fn judge(args: &ReplayArgs, figures: &Figures) -> anyhow::Result<ExitCode> {
+    if let Some(verdict) = figures.verify.as_ref().filter(|v| v.is_empty()) {
+        bail!("{}: nothing could be compared: {}", args.file.display(), verdict.reasons.join("; "));
+    }
+    let (body, tracked) = figures.least_tracked;
+    if let Some(asserted) = args.assert_tracking.filter(|asserted| tracked < *asserted) {
+        warn(&untracked(body, tracked, asserted));
+        return Ok(ExitCode::from(UNTRACKED));
+    }
+    Ok(ExitCode::from(code(figures)))
+}
+
+/// A replay under way.
+struct Replay<'a> {
+    args: &'a ReplayArgs,
+    recording: &'a Recording,
+    rig: Rig,
+    pace: Pace,
+    products: Products,
+    verdict: Option<Verdict>,
+}
+
+impl Replay<'_> {
+    /// Replays once or for ever; returns how the recording ends.
+    fn play(&mut self) -> anyhow::Result<Option<RecordingError>> {
+        loop {
+            let (world, begun) = (self.world()?, Instant::now());
+            let outcome = match self.recording.provenance().source {
+                Source::Live => self.recorded(world),
+                Source::Import => self.imported(world),
+            };
+            // Also where the user stopped it.
+            self.products.figures.wall_s += begun.elapsed().as_secs_f64();
+            let damage = outcome?;
+            if !self.args.endless {
+                return Ok(damage);
+            }
+            self.pace.rewind();
+        }
+    }
+
+    /// The world at the start of the recording's scene.
+    fn world(&self) -> anyhow::Result<World> {
+        let mut world = World::new(&scene_of(self.recording)?).context("scene")?.unseen();
+        let wanted = self.args.collision.as_deref().and_then(Backend::named).unwrap_or_default();
+        if let Some(choice) = world.choose_collision(wanted, &mut now) {
+            match wanted == Backend::Gpu && !choice.on_gpu {
+                true => tracing::warn!("{choice}"),
+                false => tracing::info!("{choice}"),
+            }
+        }
+        Ok(world)
+    }
+
+    fn recorded(&mut self, world: World) -> anyhow::Result<Option<RecordingError>> {
+        let mut run = Recorded::new(self.recording, &self.rig, world);
+        let stopped_early = run.run(self.recording, |made| self.take(made))?;
+        if let Some(verdict) = &mut self.verdict {
+            verdict.states.missing += run.steps.done.missing;
+            verdict.pass_over_steps(run.steps.left_out());
+        }
+        if stopped_early {
+            run.frames.due.end_here();
+        }
+        self.products.count_by(run.frames.due);
+        let behind = run.frames.lost.map(|why| format!("the last field: {why}"));
+        let lost = self.products.figures.lost.take().or(run.steps.lost);
+        self.products.figures.lost = lost.or(behind.filter(|_| !stopped_early));
+        Ok(run.damage)
+    }
+
+    /// Takes what came of a recorded run.
+    fn take(&mut self, made: Made<'_>) -> anyhow::Result<ControlFlow<()>> {
+        match made {
+            Made::Frame(turn, frame) => {
+                let part = self.pace.part(turn.recorded.instants.exposed);
+                if part == Part::After {
+                    return Ok(ControlFlow::Break(()));
+                }
+                let shown = part == Part::Shown;
+                tracing::debug!(field = turn.recorded.field, "replayed");
+                if shown {
+                    self.pace.await_due(turn.recorded.instants.tracked)?;
+                }
+                turn.fields.iter().try_for_each(|field| self.products.field(field, shown))?;
+                self.products.frame(frame, shown)?;
+                if let (Some(why), None) = (&turn.lost, &self.products.figures.lost) {
+                    self.products.figures.lost = Some(format!("field {}: {why}", turn.recorded.field));
+                }
+                match &mut self.verdict {
+                    Some(verdict) if turn.determined => verdict.pose(&turn.recorded, frame),
+                    Some(verdict) => verdict.pass_over_pose(),
+                    None => {}
+                }
+            }
+            Made::Step(again) => {
+                if self.pace.part(again.recorded.instants.exposed) == Part::After {
+                    return Ok(ControlFlow::Continue(()));
+                }
+                self.products.step(again.step.state_hash);
+                if let Some(verdict) = &mut self.verdict {
+                    verdict.pass_over_steps(again.left_out);
+                    verdict.step(&again.recorded, &again.step);
+                }
+            }
+        }
+        Ok(ControlFlow::Continue(()))
+    }
+
+    fn imported(&mut self, world: World) -> anyhow::Result<Option<RecordingError>> {
+        let Replay { recording, rig, pace, products, .. } = self;
+        stream(recording, rig, world, |made| {
+            match made {
+                Streamed::Field(field) => {
+                    let part = pace.part(field.exposed_ns);
+                    if part == Part::After {
+                        return Ok(ControlFlow::Break(()));
+                    }
+                    if part == Part::Shown {
+                        pace.await_due(field.blobs_out_ns)?;
+                    }
+                    products.field(field, part == Part::Shown)?;
+                }
+                Streamed::Frame(frame, state_hash) => {
+                    products.frame(frame, pace.part(frame.instants.exposed) == Part::Shown)?;
+                    products.step(state_hash);
+                }
+            }
+            Ok(ControlFlow::Continue(()))
+        })
+    }
+}
+
+/// What was replayed, and how fast as far as that was measured.
+fn summary(figures: &Figures) -> String {
+    let Figures { camera_fields, frames, steps, stream_s, wall_s, .. } = figures;
+    let counts = format!("{camera_fields} camera-fields, {frames} tracker frames, {steps} steps");
+    match (*stream_s > 0.0, *wall_s > 0.0) {
+        (true, true) => {
+            let speed = stream_s / wall_s;
+            format!("{counts}; {stream_s:.2} s in {wall_s:.2} s ({speed:.1} times real time)")
+        }
+        (true, false) => format!("{counts}; {stream_s:.2} s"),
+        (false, _) => counts,
+    }
+}
+
+fn print(figures: &Figures) {
+    println!("{}", summary(figures));
+    let fields_refused = figures.fields_refused;
+    if fields_refused > 0 {
+        println!(
+            "{fields_refused} camera-fields refused by the tracker (twice, out of order, unknown camera)"
+        );
+    }
+    if let Some(verdict) = &figures.verify {
+        println!("{}", verdict.text());
+        if !verdict.reasons.is_empty() {
+            println!("not all is verified: {}", verdict.reasons.join("; "));
+        }
+    }
+    if let (Some(lost), None) = (&figures.lost, &figures.verify) {
+        println!("the recording has gaps; the first: {lost}");
+    }
+    if figures.unclosed && figures.damage.is_none() {
+        warn("the recording was not closed in order: what it holds to its end was replayed");
+    }
+    for warning in &figures.warnings {
+        let to = warning.to_s.map_or("the end".into(), |s| format!("{s:.0} s"));
+        warn(&format!("from {:.0} s to {to}: {}", warning.from_s, warning.finding.text()));
+    }
+    if let Some(damage) = &figures.damage {
+        warn(&damage.to_string());
+    }
+}
+
+/// The exit code. A recording that was not closed is what a crash leaves, and no loss of the replay's;
+/// but to verify it is to ask whether it is whole.
+fn code(figures: &Figures) -> u8 {
+    let Some(verdict) = &figures.verify else {
+        let damaged = figures.damage.is_some() && !figures.cut;
+        return if damaged || figures.lost.is_some() { LOSS } else { 0 };
+    };
+    match (&verdict.difference, verdict.reasons.is_empty()) {
+        (Some(_), _) => DIFFERS,
+        (None, true) => 0,
+        (None, false) => LOSS,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exit_codes_follow_the_contract() {
+        let verified = |difference: Option<&str>, change: fn(&mut Figures)| {
+            let mut verdict = Verdict { difference: difference.map(Into::into), ..Verdict::default() };
+            (verdict.poses.recorded, verdict.poses.compared, verdict.states.recorded) = (1, 1, 1);
+            let mut figures = Figures { verify: Some(verdict), camera_fields: 1, ..Figures::default() };
+            change(&mut figures);
+            let reasons = figures.reasons();
+            figures.verify.as_mut().unwrap().reasons = reasons;
+            figures
+        };
+        assert_eq!(code(&verified(None, |_| {})), 0);
+        assert_eq!(code(&verified(Some("field 4"), |f| f.lost = Some("field 9".into()))), DIFFERS);
+        let losses: [fn(&mut Figures); 9] = [
+            |f| f.camera_fields = 0,
+            |f| f.lost = Some("field 9".into()),
+            |f| (f.damage, f.cut) = (Some("cut".into()), true),
+            |f| f.damage = Some("damaged".into()),
+            |f| f.unclosed = true,
+            |f| f.tracking.frames_due = 1,
+            |f| f.verify.as_mut().unwrap().states.other_version = Some(7),
+            |f| f.verify.as_mut().unwrap().poses.other_version = Some(7),
+            |f| f.verify.as_mut().unwrap().poses.recorded = 2,
+        ];
+        for loss in losses {
+            let figures = verified(None, loss);
+            let reasons = &figures.verify.as_ref().unwrap().reasons;
+            assert_eq!((code(&figures), reasons.len()), (LOSS, 1), "{reasons:?}");
+        }
+        let replayed = |damage: &str, cut| Figures { damage: Some(damage.into()), cut, ..Figures::default() };
+        assert_eq!((code(&replayed("cut", true)), code(&replayed("damaged", false))), (0, LOSS));
+        assert_eq!(code(&Figures { unclosed: true, ..Figures::default() }), 0);
+    }
+
+    #[test]
+    fn a_speed_is_told_where_it_was_measured() {
+        let figures = |stream_s, wall_s| Figures { stream_s, wall_s, frames: 147, ..Figures::default() };
+        assert!(summary(&figures(2.94, 1.47)).ends_with("2.94 s in 1.47 s (2.0 times real time)"));
+        assert!(summary(&figures(2.94, 0.0)).ends_with("147 tracker frames, 0 steps; 2.94 s"));
+        assert!(summary(&figures(0.0, 0.0)).ends_with("147 tracker frames, 0 steps"));
+    }
+}

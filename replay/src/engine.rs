@@ -1,0 +1,198 @@
+//! A recording runs through tracker and simulation again, in one process and without a clock.
+//!
+//! A recorded run is repeated by its record: the tracker gets the camera-fields that each frame
+//! consumed, the simulation what each step consumed, which are the recorded poses; both come out to the
+//! bit. An imported stream has no such record: there the tracker decides by the stream's own clock, and
+//! the simulation gets what it makes.
+
+use crate::frames::{FrameTurn, Frames};
+use crate::steps::{StepAgain, Steps};
+use protocol::blobs::BlobField;
+use protocol::message::Message;
+use protocol::poses::{ClosedBy, TrackerFrame};
+use protocol::rig::Rig;
+use protocol::steps::StepInput;
+use recording::{Item, Recording, RecordingError};
+use simcore::world::{World, no_clock};
+use std::ops::ControlFlow;
+use tracker::assembler::ClosedFrame;
+use tracker::report::Report;
+use tracker::stream::StreamTracker;
+use tracker::tracker::{close, stamp};
+use tracker::{Reference, Tracker};
+
+/// What comes of a recording, in the order in which it comes about.
+pub enum Made<'a> {
+    /// A recorded frame, and what the tracker makes of its fields.
+    Frame(&'a FrameTurn, &'a TrackerFrame),
+    /// A step.
+    Step(&'a StepAgain<'a>),
+}
+
+/// A recorded run under way.
+pub struct Recorded {
+    /// None at a desk, where no tracker made the poses.
+    tracker: Option<(Tracker, Report)>,
+    /// The frames, and what is missing of them.
+    pub frames: Frames,
+    /// The steps, and what is missing of them.
+    pub steps: Steps,
+    /// What is wrong with the file first, if something is.
+    pub damage: Option<RecordingError>,
+}
+
+impl Recorded {
+    /// At the beginning of `recording`, in a world at the start of its scene.
+    pub fn new(recording: &Recording, rig: &Rig, world: World) -> Self {
+        let desk = recording.provenance().config.contains_key(recording::DESK);
+        Recorded {
+            tracker: (!desk).then(|| (Tracker::new(rig), Report::default())),
+            frames: Frames::new(rig.field_period_ns(), desk),
+            steps: Steps::new(world, recording.provenance()),
+            damage: None,
+        }
+    }
+
+    /// Runs it to its end, or until `visit` has enough; true where that was so.
+    ///
+    /// # Errors
+    /// Those of `visit`.
+    pub fn run(
+        &mut self,
+        recording: &Recording,
+        mut visit: impl FnMut(Made<'_>) -> anyhow::Result<ControlFlow<()>>,
+    ) -> anyhow::Result<bool> {
+        let mut items = recording.items();
+        loop {
+            match items.next() {
+                Some(Ok((at, item))) => {
+                    self.frames.note(at, &item);
+                    self.steps.note(at, item);
+                }
+                Some(Err(error)) => {
+                    if !matches!(error, RecordingError::Truncated { .. }) {
+                        self.frames.note_loss(error.to_string());
+                    }
+                    self.damage.get_or_insert(error);
+                }
+                None => {
+                    self.frames.end();
+                    self.steps.end();
+                    return Ok(self.advance(&mut visit)?.is_break());
+                }
+            }
+            if self.advance(&mut visit)?.is_break() {
+                return Ok(true);
+            }
+        }
+    }
+
+    /// Does what can be done by now. Where `visit` has enough of frames, their steps follow.
+    fn advance(
+        &mut self,
+        visit: &mut impl FnMut(Made<'_>) -> anyhow::Result<ControlFlow<()>>,
+    ) -> anyhow::Result<ControlFlow<()>> {
+        let mut flow = ControlFlow::Continue(());
+        while flow.is_continue()
+            && let Some(turn) = self.frames.next_turn()
+        {
+            let made = match &mut self.tracker {
+                Some((tracker, told)) => {
+                    let made = track(tracker, &turn);
+                    told.tell(tracker);
+                    &{ made }
+                }
+                None => &*turn.recorded,
+            };
+            flow = visit(Made::Frame(&turn, made))?;
+        }
+        while let Some(again) = self.steps.next_step() {
+            if visit(Made::Step(&again))?.is_break() {
+                return Ok(ControlFlow::Break(()));
+            }
+        }
+        Ok(flow)
+    }
+}
+
+/// What a tracker makes of a recorded frame's fields.
+fn track(tracker: &mut Tracker, turn: &FrameTurn) -> TrackerFrame {
+    let recorded = &turn.recorded;
+    if recorded.frame == 0 {
+        tracker.reset();
+    }
+    let reference =
+        Reference { camera: recorded.camera, field: recorded.field, exposed_ns: recorded.instants.exposed };
+    let mut frame = tracker.track(&turn.fields, &reference);
+    close(&mut frame, ClosedBy::from_wire(recorded.closed_by));
+    stamp(&mut frame, &turn.fields, recorded.instants.taken);
+    frame
+}
+
+/// What comes of an imported stream.
+pub enum Streamed<'a> {
+    /// A camera-field, before the tracker takes it.
+    Field(&'a BlobField),
+    /// A frame that the tracker made, and the hash of the state that the simulation made of it.
+    Frame(&'a TrackerFrame, u64),
+}
+
+/// Runs an imported stream to its end, to its first damage, which is returned, or until `visit` has
+/// enough.
+///
+/// # Errors
+/// Those of `visit`.
+pub fn stream(
+    recording: &Recording,
+    rig: &Rig,
+    mut world: World,
+    mut visit: impl FnMut(Streamed<'_>) -> anyhow::Result<ControlFlow<()>>,
+) -> anyhow::Result<Option<RecordingError>> {
+    let (mut tracker, mut made) = (StreamTracker::new(rig), Vec::new());
+    let mut damage = None;
+    for item in recording.items() {
+        let field = match item {
+            Ok((_, Item::Blobs(field))) => field,
+            Ok(_) => continue,
+            Err(error) => {
+                damage = Some(error);
+                break;
+            }
+        };
+        if visit(Streamed::Field(&field))?.is_break() {
+            break;
+        }
+        tracker.push(&field, |frame, used, closed| made.push(finished(frame, used, closed)));
+        simulate(&mut world, made.drain(..), tracker.refused(), &mut visit)?;
+    }
+    tracker.finish(|frame, used, closed| made.push(finished(frame, used, closed)));
+    simulate(&mut world, made.drain(..), tracker.refused(), &mut visit)?;
+    Ok(damage)
+}
+
+fn finished(mut frame: TrackerFrame, used: &[BlobField], closed: &ClosedFrame) -> TrackerFrame {
+    close(&mut frame, closed.closed_by);
+    stamp(&mut frame, used, closed.taken_ns);
+    frame.waited_ns = closed.waited_ns;
+    frame
+}
+
+/// Makes a step of each frame. Without handles and pedal.
+fn simulate(
+    world: &mut World,
+    frames: impl Iterator<Item = TrackerFrame>,
+    refused: u32,
+    visit: &mut impl FnMut(Streamed<'_>) -> anyhow::Result<ControlFlow<()>>,
+) -> anyhow::Result<()> {
+    for mut frame in frames {
+        frame.fields_refused = refused;
+        if let Err(invalid) = frame.validate() {
+            tracing::error!(field = frame.field, "frame withheld: {invalid}");
+            continue;
+        }
+        let input = StepInput { frame: &frame, handles: &[], pedals: &[] };
+        let report = world.step(&input, &mut no_clock);
+        let _ = visit(Streamed::Frame(&frame, report.state_hash))?;
+    }
+    Ok(())
+}

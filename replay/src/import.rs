@@ -1,0 +1,141 @@
+//! `vitreo import`: a rig and a blob stream of another tool become a recording.
+
+use anyhow::{Context, ensure};
+use blob_stream::BlobReader;
+use ipc::logging::{inform, warn};
+use outputs::progress::counter;
+use outputs::{GrowingFile, Outputs};
+use protocol::file::{MAX_SETTINGS_BYTES, read_text};
+use protocol::limits::MAX_BLOBS;
+use protocol::rig::Rig;
+use recording::{Item, Provenance, Source, Writer};
+use scene::{DEFAULT_SCENE, SceneFile};
+use settings::commands::ImportArgs;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::ExitCode;
+
+/// What went into the recording.
+#[derive(Debug, Default, PartialEq, Eq)]
+struct Imported {
+    fields: u64,
+    blobs: u64,
+    left_out: u64,
+}
+
+/// Runs it. A stream that is refused half-way leaves no file behind.
+///
+/// # Errors
+/// Where rig or stream are refused, or the recording cannot be written.
+pub fn run(args: &ImportArgs) -> anyhow::Result<ExitCode> {
+    let scene = args.scene.as_deref().unwrap_or(DEFAULT_SCENE);
+    let mut outputs = Outputs::new(args.force.force).reading_all([&args.rig, &args.blobs]).reading(scene);
+    outputs.claim(&args.output)?;
+    let provenance = provenance(&args.rig, &args.blobs, scene)?;
+    let stream = BlobReader::open(&args.blobs)?;
+    let mut output = outputs.grow(&args.output)?;
+    let imported = copy(stream, &output, &provenance)?;
+    ensure!(imported.fields > 0, "blob stream {}: holds no field", args.blobs.display());
+    output.appear()?;
+    let Imported { fields, blobs, left_out } = imported;
+    inform(&format!("{}: {fields} camera-fields, {blobs} blobs", args.output.display()));
+    if left_out > 0 {
+        warn(&format!("{left_out} blobs left out: a field holds the first {MAX_BLOBS}"));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The rig is checked and then kept as the file has it.
+fn provenance(rig: &Path, blobs: &Path, scene: &str) -> anyhow::Result<Provenance> {
+    Rig::load(rig).context("--rig")?;
+    let rig_json = read_text(rig, MAX_SETTINGS_BYTES).with_context(|| rig.display().to_string())?;
+    let file = SceneFile::load(scene)?;
+    let key = |key: &str, value: String| BTreeMap::from([(key.to_string(), value)]);
+    Ok(Provenance {
+        rig_json,
+        scene_name: scene.into(),
+        scene_toml: file.to_toml(),
+        source: Source::Import,
+        seeds: BTreeMap::new(),
+        config: key("blobs", blobs.display().to_string()),
+        versions: key("vitreo", env!("CARGO_PKG_VERSION").into()),
+    })
+}
+
+fn copy(stream: BlobReader, output: &GrowingFile, provenance: &Provenance) -> anyhow::Result<Imported> {
+    let bar = counter("camera-fields");
+    let mut writer = Writer::on(output.handle()?, output.path(), provenance)?;
+    let mut imported = Imported::default();
+    for field in stream {
+        let field = field?;
+        imported.fields += 1;
+        imported.blobs += u64::from(field.count);
+        imported.left_out += u64::from(field.blobs_left_out);
+        writer.write(field.blobs_out_ns, &Item::Blobs(Box::new(field)))?;
+        bar.inc(1);
+    }
+    writer.finish()?;
+    bar.finish_and_clear();
+    Ok(imported)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use outputs::Force;
+    use recording::Recording;
+    use std::path::PathBuf;
+
+    const LINE: &str = r#"{"cam":0,"seq":3,"t_ns":40,"t_rx_ns":70,"parity":1,"blobs":[{"x":1.5,"y":2.5,"area":3.0,"colour":"red","w":1.0,"h":1.0}]}"#;
+
+    fn rig_in(directory: &Path) -> PathBuf {
+        let rig = directory.join("rig.json");
+        std::fs::write(&rig, Rig::load_or_shipped(None).unwrap().to_json()).unwrap();
+        rig
+    }
+
+    #[test]
+    fn every_line_arrives_even_twice_and_out_of_order() {
+        let directory = tempfile::tempdir().unwrap();
+        let rig = rig_in(directory.path());
+        let (blobs, output) = (directory.path().join("b.jsonl"), directory.path().join("b.mcap"));
+        let earlier = LINE.replace("\"seq\":3", "\"seq\":2");
+        std::fs::write(&blobs, format!("{LINE}\n{LINE}\n{earlier}\n")).unwrap();
+        let args = ImportArgs { rig, blobs, scene: None, output, force: Force::default() };
+        run(&args).unwrap();
+        let recording = Recording::open(&args.output).unwrap();
+        assert_eq!(recording.provenance().source, Source::Import);
+        assert_eq!(recording.provenance().rig_json, std::fs::read_to_string(&args.rig).unwrap());
+        let fields = recording.items().map(|item| match item.unwrap() {
+            (70, Item::Blobs(field)) => field.field,
+            other => panic!("{other:?}"),
+        });
+        assert_eq!(fields.collect::<Vec<_>>(), [3, 3, 2]);
+    }
+
+    #[test]
+    fn a_stream_without_a_field_is_refused_and_leaves_no_file() {
+        let directory = tempfile::tempdir().unwrap();
+        let rig = rig_in(directory.path());
+        let (blobs, output) = (directory.path().join("b.jsonl"), directory.path().join("b.mcap"));
+        let args = ImportArgs { rig, blobs, scene: None, output, force: Force::default() };
+        for text in ["", "\n\n"] {
+            std::fs::write(&args.blobs, text).unwrap();
+            let error = format!("{:#}", run(&args).unwrap_err());
+            assert!(error.contains("b.jsonl: holds no field"), "{error}");
+            assert!(!args.output.exists());
+        }
+    }
+
+    #[test]
+    fn a_bad_line_is_named_and_leaves_no_file() {
+        let directory = tempfile::tempdir().unwrap();
+        let rig = rig_in(directory.path());
+        let (blobs, output) = (directory.path().join("b.jsonl"), directory.path().join("b.mcap"));
+        std::fs::write(&blobs, format!("{LINE}\n{{\"cam\":0}}\n")).unwrap();
+        let args = ImportArgs { rig, blobs, scene: None, output, force: Force::default() };
+        let error = format!("{:#}", run(&args).unwrap_err());
+        assert!(error.contains("b.jsonl") && error.contains("line 2"), "{error}");
+        assert!(!args.output.exists());
+    }
+}

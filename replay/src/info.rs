@@ -1,0 +1,172 @@
+//! `vitreo info`: what a recording holds.
+
+use ipc::logging::warn;
+use outputs::exit::LOSS;
+use outputs::println;
+use recording::{Item, NoteKind, Recording, STATE_HASH, Source, TRACKER};
+use serde::Serialize;
+use settings::commands::InfoArgs;
+use std::collections::BTreeMap;
+use std::process::ExitCode;
+
+/// What a recording holds.
+#[derive(Debug, Default, Serialize)]
+struct Contents {
+    file: String,
+    bytes: u64,
+    source: &'static str,
+    /// The recorder closed the file in order.
+    finished: bool,
+    /// Rig, scene and configuration are under a checksum; former versions wrote none.
+    checksum: bool,
+    /// Blocks that are missing, by the notes of the recorder.
+    missing: u64,
+    restarts: u64,
+    scene: String,
+    seeds: BTreeMap<String, String>,
+    config: BTreeMap<String, String>,
+    versions: BTreeMap<String, String>,
+    start_ns: u64,
+    end_ns: u64,
+    duration_s: f64,
+    messages: BTreeMap<&'static str, u64>,
+    camera_fields: BTreeMap<u32, u64>,
+    /// First and last field of the reference camera that has poses.
+    pose_fields: Option<[u64; 2]>,
+    warnings: u64,
+    injuries: u64,
+    notes: Vec<String>,
+    damage: Option<String>,
+}
+
+impl Contents {
+    fn take(&mut self, log_time: u64, item: &Item) {
+        let first = self.messages.is_empty();
+        *self.messages.entry(item.topic()).or_insert(0) += 1;
+        self.start_ns = if first { log_time } else { self.start_ns.min(log_time) };
+        self.end_ns = self.end_ns.max(log_time);
+        self.duration_s = (self.end_ns - self.start_ns) as f64 * 1e-9;
+        match item {
+            Item::Blobs(field) => *self.camera_fields.entry(field.camera).or_insert(0) += 1,
+            Item::Poses(frame) => {
+                let [from, _] = self.pose_fields.unwrap_or([frame.field; 2]);
+                self.pose_fields = Some([from, frame.field]);
+            }
+            Item::Event(event) => {
+                self.warnings += u64::from(event.severity == 1);
+                self.injuries += u64::from(event.severity == 2);
+            }
+            Item::Note(note) => {
+                match note.kind {
+                    NoteKind::Loss => self.missing += note.count.max(1),
+                    NoteKind::Restart => self.restarts += 1,
+                    NoteKind::Log => {}
+                }
+                self.notes.push(note.text.clone());
+            }
+            _ => {}
+        }
+    }
+
+    /// An imported stream holds no results, and a desk's poses are no tracker's.
+    fn has_version_of(&self, key: &str) -> bool {
+        let desk = self.config.contains_key(recording::DESK);
+        self.source == Source::Live.name() && !(key == TRACKER && desk)
+    }
+
+    fn print(&self) {
+        let state = match (&self.damage, self.finished) {
+            (Some(damage), _) => damage.clone(),
+            (None, true) => "whole".into(),
+            (None, false) => NOT_CLOSED.into(),
+        };
+        println!("{}", self.file);
+        println!("  {:.1} MiB, {}, {state}", self.bytes as f64 / f64::from(1 << 20), self.source);
+        if !self.checksum {
+            println!("  without checksum of rig and scene, as former versions wrote it");
+        }
+        println!("  scene {}, {:.2} s from {} ns", self.scene, self.duration_s, self.start_ns);
+        for (key, what) in [(TRACKER, "the tracker"), (STATE_HASH, "state hashes")] {
+            if self.has_version_of(key) && !self.versions.contains_key(key) {
+                println!("  no version of {what} is named, as former versions wrote it");
+            }
+        }
+        for (group, map) in [("version", &self.versions), ("seed", &self.seeds), ("config", &self.config)] {
+            map.iter().for_each(|(key, value)| println!("  {group} {key}: {value}"));
+        }
+        for (topic, count) in &self.messages {
+            let rate = *count as f64 / self.duration_s.max(1e-9);
+            println!("  {topic:<12} {count:>9}  {:>7.1} /s", if self.duration_s > 0.0 { rate } else { 0.0 });
+        }
+        for (camera, count) in &self.camera_fields {
+            println!("  camera {camera}: {count} fields");
+        }
+        if let Some([first, last]) = self.pose_fields {
+            println!("  poses of fields {first} to {last}");
+        }
+        println!("  {} warnings, {} injuries, {} restarts", self.warnings, self.injuries, self.restarts);
+        if self.missing > 0 {
+            println!("  {} blocks are missing", self.missing);
+        }
+        self.notes.iter().for_each(|note| println!("  note: {note}"));
+    }
+}
+
+/// Says that a recording ends where its recorder did.
+const NOT_CLOSED: &str = "not closed in order, readable to its end";
+
+/// Runs it. A recording that is damaged or was not closed is described as far as it can be read, with exit
+/// code 3.
+///
+/// # Errors
+/// Where the file cannot be read as a recording.
+pub fn run(args: &InfoArgs) -> anyhow::Result<ExitCode> {
+    let recording = Recording::open_in_doubt(&args.file)?;
+    let provenance = recording.provenance().clone();
+    let mut contents = Contents {
+        file: args.file.display().to_string(),
+        bytes: recording.bytes(),
+        source: provenance.source.name(),
+        finished: recording.is_finished(),
+        checksum: recording.has_checksum(),
+        damage: recording.doubt().map(ToString::to_string),
+        scene: provenance.scene_name,
+        seeds: provenance.seeds,
+        config: provenance.config,
+        versions: provenance.versions,
+        ..Contents::default()
+    };
+    for item in recording.items() {
+        match item {
+            Ok((log_time, item)) => contents.take(log_time, &item),
+            Err(error) => contents.damage = contents.damage.take().or(Some(error.to_string())),
+        }
+    }
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&contents)?);
+    } else {
+        contents.print();
+    }
+    if contents.damage.is_none() && !contents.finished {
+        warn(&format!("{}: {NOT_CLOSED} (vitreo recover makes a whole file of it)", contents.file));
+    }
+    let whole = contents.damage.is_none() && contents.finished;
+    Ok(ExitCode::from(if whole { 0 } else { LOSS }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use recording::Note;
+
+    #[test]
+    fn losses_and_spans_are_counted() {
+        let mut contents = Contents::default();
+        let note =
+            |kind, count| Item::Note(Note { instant_ns: 0, kind, process: None, count, text: "n".into() });
+        contents.take(2_000_000_000, &note(NoteKind::Loss, 5));
+        contents.take(500_000_000, &note(NoteKind::Restart, 1));
+        assert_eq!((contents.missing, contents.restarts, contents.notes.len()), (5, 1, 2));
+        assert_eq!((contents.start_ns, contents.duration_s), (500_000_000, 1.5));
+    }
+}

@@ -1,0 +1,228 @@
+//! The steps of a recording, done again in one world from the recorded poses, handles and pedal. Pure;
+//! takes items, not files.
+//!
+//! Which inputs a step consumed is known in one place, [`InputHistory`], which a simulation that is
+//! started again in a run uses too. Where an input is missing the states that follow are not determined,
+//! until a checkpoint leads over the gap.
+
+use crate::frames::AHEAD_NS;
+use protocol::journal::Entry;
+use protocol::poses::TrackerFrame;
+use protocol::steps::{CheckpointHeader, StepRecord};
+use protocol::time::Nanos;
+use recording::{Item, Provenance};
+use simcore::resume::{InputHistory, Repeated};
+use simcore::world::World;
+use std::collections::VecDeque;
+
+/// Checkpoints that are kept. What is missing when this many further ones have come does not come any
+/// more.
+const CHECKPOINTS: usize = 2;
+
+/// What came of it.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Resimulated {
+    /// Steps done.
+    pub steps: u64,
+    /// Gaps over which a checkpoint led.
+    pub gaps: u64,
+    /// Recorded steps that could not be done, because inputs are missing.
+    pub undone: u64,
+    /// Steps that were made and not recorded, by their numbers.
+    pub missing: u64,
+    /// What is wrong with the file first, if something is.
+    pub damage: Option<String>,
+    /// The first of them whose state is not the recorded one.
+    pub differs_at: Option<u64>,
+    /// Version of the recording's state hashes where it is not this build's: states are not
+    /// compared.
+    pub other_state_hash_version: Option<u32>,
+}
+
+impl Resimulated {
+    /// True where a part of the recording is missing.
+    pub fn has_gaps(&self) -> bool {
+        self.undone > 0 || self.gaps > 0 || self.damage.is_some()
+    }
+}
+
+/// A step that was done again.
+pub struct StepAgain<'a> {
+    /// The world after it.
+    pub world: &'a World,
+    /// Recorded steps before it that the recording does not determine.
+    pub left_out: u64,
+    /// The recorded poses that it consumed.
+    pub poses: Box<TrackerFrame>,
+    /// What was recorded of it.
+    pub recorded: StepRecord,
+    /// What was recorded of it, with the state and the advance that came of it now.
+    pub step: StepRecord,
+}
+
+/// Steps that wait until all that they consumed has come.
+#[derive(Debug)]
+pub struct Steps {
+    world: World,
+    past: InputHistory,
+    horizon_ns: Nanos,
+    ended: bool,
+    /// Steps and checkpoints whose inputs may yet come.
+    pending: VecDeque<(Nanos, Entry)>,
+    checkpoints: VecDeque<(CheckpointHeader, Vec<u8>)>,
+    /// Number of the newest recorded step.
+    newest: u64,
+    /// Of the steps that were given up, those that were told.
+    told: u64,
+    /// What came of it so far.
+    pub done: Resimulated,
+    /// What is missing, first and since it was last taken.
+    pub lost: Option<String>,
+}
+
+impl Steps {
+    /// In a world that stands at the start of the recording's scene.
+    pub fn new(world: World, provenance: &Provenance) -> Self {
+        let other_state_hash_version = provenance.other_state_hash_version();
+        Steps {
+            world,
+            past: InputHistory::default(),
+            horizon_ns: 0,
+            ended: false,
+            pending: VecDeque::new(),
+            checkpoints: VecDeque::new(),
+            newest: 0,
+            told: 0,
+            done: Resimulated { other_state_hash_version, ..Resimulated::default() },
+            lost: None,
+        }
+    }
+
+    /// Takes the next item.
+    pub fn note(&mut self, at: Nanos, item: Item) {
+        self.horizon_ns = self.horizon_ns.max(at);
+        match item.into_entry() {
+            Some(entry @ (Entry::Step(_) | Entry::Checkpoint(..))) => self.pending.push_back((at, entry)),
+            Some(input) => self.past.note(input),
+            None => {}
+        }
+    }
+
+    /// No item will come any more.
+    pub fn end(&mut self) {
+        self.ended = true;
+    }
+
+    /// True once no item will come any more.
+    pub fn is_ended(&self) -> bool {
+        self.ended
+    }
+
+    /// Does the next step, once all that it can have consumed has come.
+    pub fn next_step(&mut self) -> Option<StepAgain<'_>> {
+        loop {
+            if let Some(repeated) = self.past.advance(&mut self.world) {
+                if self.is_proved(&repeated) {
+                    return Some(self.done(repeated));
+                }
+                continue;
+            }
+            let next = self.pending.front().map(|(at, _)| at.saturating_add(AHEAD_NS));
+            if next.is_some_and(|at| self.ended || at <= self.horizon_ns) {
+                match self.pending.pop_front().expect("it is there").1 {
+                    Entry::Checkpoint(header, state) => self.take_checkpoint(header, state),
+                    step => self.take_step(step),
+                }
+            } else if !self.ended || !self.go_on() {
+                return None;
+            }
+        }
+    }
+
+    /// Recorded steps that were given up since this was asked last.
+    pub fn left_out(&mut self) -> u64 {
+        self.done.undone - std::mem::replace(&mut self.told, self.done.undone)
+    }
+
+    /// False for a step behind others without a record whose state is another than the recorded one: what
+    /// they consumed is not known.
+    fn is_proved(&mut self, Repeated { recorded, report, guessed, .. }: &Repeated) -> bool {
+        let comparable = self.done.other_state_hash_version.is_none();
+        let proved = !guessed || !comparable || report.state_hash == recorded.state_hash;
+        if !proved {
+            self.past.go_astray();
+            self.done.undone += 1;
+            let why = format!("what led to step {} (field {}) is missing", recorded.step, recorded.field);
+            self.lost = self.lost.take().or(Some(why));
+        }
+        proved
+    }
+
+    fn done(&mut self, Repeated { poses, recorded, report, .. }: Repeated) -> StepAgain<'_> {
+        self.done.steps += 1;
+        let (state_hash, advanced_ns) = (report.state_hash, report.advanced_ns);
+        let comparable = self.done.other_state_hash_version.is_none();
+        let differs = comparable && state_hash != recorded.state_hash;
+        self.done.differs_at = self.done.differs_at.or(differs.then_some(recorded.step));
+        let step = StepRecord { state_hash, advanced_ns, ..recorded };
+        StepAgain { left_out: self.left_out(), world: &self.world, poses, recorded, step }
+    }
+
+    fn take_step(&mut self, entry: Entry) {
+        if let Entry::Step(step) = &entry {
+            let number = step.step;
+            if number == 1 {
+                // The simulation began anew: what an earlier one saved or lacked is of no use.
+                self.checkpoints.clear();
+                self.newest = 0;
+                let lacking = self.past.lacking(&self.world);
+                self.lost = self.lost.take().or(lacking);
+                self.done.undone += self.past.give_up();
+            }
+            self.done.missing += number.saturating_sub(self.newest + 1);
+            self.newest = self.newest.max(number);
+        }
+        self.past.note(entry);
+    }
+
+    /// Keeps a checkpoint; where steps have been waiting since the one before the last, their inputs
+    /// are missing.
+    fn take_checkpoint(&mut self, header: CheckpointHeader, state: Vec<u8>) {
+        if self.checkpoints.len() == CHECKPOINTS {
+            let oldest = self.checkpoints.front().expect("two are kept").0.step;
+            match self.past.waiting() {
+                Some(waiting) if waiting.step <= oldest + 1 => drop(self.go_on()),
+                _ => drop(self.checkpoints.pop_front()),
+            }
+        }
+        self.checkpoints.push_back((header, state));
+    }
+
+    /// Goes on from the first checkpoint that leads over what the waiting step lacks; false where no step
+    /// is waiting, or none can be done any more.
+    fn go_on(&mut self) -> bool {
+        let Some(waiting) = self.past.waiting().map(|s| s.step) else { return false };
+        let lacking = self.past.lacking(&self.world);
+        self.lost = self.lost.take().or(lacking);
+        while let Some((header, state)) = self.checkpoints.pop_front() {
+            if header.step + 1 < waiting {
+                continue;
+            }
+            match self.past.jump(&mut self.world, &header, &state) {
+                Ok(given_up) => {
+                    self.done.undone += given_up;
+                    self.done.gaps += 1;
+                    return true;
+                }
+                Err(error) => tracing::warn!("step {}: its checkpoint is of no use: {error}", header.step),
+            }
+        }
+        if self.ended {
+            self.done.undone += self.past.give_up();
+        }
+        false
+    }
+}
+
+#[cfg(test)]
+mod tests;

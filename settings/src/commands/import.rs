@@ -1,0 +1,24 @@
+//! The command line of `vitreo import`.
+
+use outputs::Force;
+use std::path::PathBuf;
+
+/// Arguments of `vitreo import`.
+#[derive(Debug, clap::Args)]
+pub struct ImportArgs {
+    /// Rig file of the cameras that saw the stream.
+    #[arg(long, value_name = "RIG.json")]
+    pub rig: PathBuf,
+    /// Blob stream, one camera-field a line.
+    #[arg(value_name = "BLOBS.jsonl")]
+    pub blobs: PathBuf,
+    /// Scene that a replay runs [default: peel].
+    #[arg(long, value_name = "NAME|FILE")]
+    pub scene: Option<String>,
+    /// The recording to write.
+    #[arg(short, long, value_name = "FILE.mcap")]
+    pub output: PathBuf,
+    /// Whether a file that exists is written over.
+    #[command(flatten)]
+    pub force: Force,
+}

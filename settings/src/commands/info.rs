@@ -1,0 +1,14 @@
+//! The command line of `vitreo info`.
+
+use std::path::PathBuf;
+
+/// Arguments of `vitreo info`.
+#[derive(Debug, clap::Args)]
+pub struct InfoArgs {
+    /// The recording.
+    #[arg(value_name = "FILE.mcap")]
+    pub file: PathBuf,
+    /// As JSON, for programs.
+    #[arg(long)]
+    pub json: bool,
+}

@@ -1,0 +1,42 @@
+//! Numbers on command lines.
+
+/// A number of 0 or more.
+///
+/// # Errors
+/// What was expected.
+pub fn not_negative(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() && value >= 0.0 => Ok(value),
+        _ => Err("expected a number of 0 or more".into()),
+    }
+}
+
+/// A number above 0.
+///
+/// # Errors
+/// What was expected.
+pub fn positive(text: &str) -> Result<f64, String> {
+    not_negative(text).ok().filter(|v| *v > 0.0).ok_or("expected a number above 0".into())
+}
+
+/// A share, 0 to 1.
+///
+/// # Errors
+/// What was expected.
+pub fn share(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("expected a number, found '{text}'"))?;
+    if (0.0..=1.0).contains(&value) { Ok(value) } else { Err("expected 0 to 1".into()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_checked() {
+        assert!(positive("0").is_err() && positive("nan").is_err() && positive("-1").is_err());
+        assert_eq!((positive("2.5"), not_negative("0")), (Ok(2.5), Ok(0.0)));
+        assert!(share("1.01").is_err() && share("x").is_err() && share("nan").is_err());
+        assert_eq!(share("0.5"), Ok(0.5));
+    }
+}

@@ -1,0 +1,44 @@
+//! The part of a recording that is asked for, and whether it exists.
+
+use super::numbers::not_negative;
+use outputs::exit::WrongUse;
+use std::path::Path;
+
+/// A part of a recording, counted from its first exposure.
+#[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
+pub struct SpanArgs {
+    /// Show the recording from so many seconds after its start; what comes before is computed as fast
+    /// as possible.
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = not_negative)]
+    pub from: f64,
+    /// End so many seconds after its start.
+    #[arg(long, value_name = "S", value_parser = not_negative)]
+    pub until: Option<f64>,
+}
+
+impl SpanArgs {
+    /// Refuses a part that a recording does not have, whose length is asked for where it matters.
+    ///
+    /// # Errors
+    /// [`WrongUse`] where the end is not behind the beginning, or the beginning not in the recording.
+    pub fn check(&self, file: &Path, length_s: impl FnOnce() -> f64) -> Result<(), WrongUse> {
+        let SpanArgs { from, until } = *self;
+        if let Some(until) = until.filter(|until| *until <= from) {
+            return Err(WrongUse(format!("--until {until}: expected more than --from {from}")));
+        }
+        if from == 0.0 {
+            return Ok(());
+        }
+        let (length_s, file) = (length_s(), file.display());
+        if from > length_s {
+            return Err(WrongUse(format!("--from {from}: {file} holds {length_s:.2} s only")));
+        }
+        Ok(())
+    }
+
+    /// Length of the part of a recording, s.
+    pub fn length_s(&self, recorded_s: f64) -> f64 {
+        let until_s = self.until.unwrap_or(f64::INFINITY).min(recorded_s);
+        (until_s - self.from).max(0.0)
+    }
+}

@@ -1,0 +1,16 @@
+//! The command line of `vitreo trace`.
+
+use std::path::PathBuf;
+
+/// Arguments of `vitreo trace`.
+#[derive(Debug, clap::Args)]
+pub struct TraceArgs {
+    /// The recording.
+    #[arg(value_name = "FILE.mcap")]
+    pub file: PathBuf,
+    /// Number of the field, as in tables and logs.
+    pub field: u64,
+    /// As JSON, for programs.
+    #[arg(long)]
+    pub json: bool,
+}

@@ -1,0 +1,35 @@
+//! What a tracker tells while it works, in the log.
+
+use crate::tracker::Tracker;
+
+/// Tells each thing once.
+#[derive(Debug, Default)]
+pub struct Report {
+    drift: bool,
+    restarts: u64,
+}
+
+impl Report {
+    /// Logs what is new: a rig that has drifted by more than the corrections of every calibration, cameras
+    /// that were knocked, filters that began anew.
+    pub fn tell(&mut self, tracker: &mut Tracker) {
+        let drift = tracker.drift().filter(|r| r.detected && r.is_large());
+        if let Some(report) = drift.filter(|_| !self.drift) {
+            tracing::warn!("{report}");
+            self.drift = true;
+        }
+        while let Some(notice) = tracker.take_notice() {
+            tracing::warn!("{notice}");
+        }
+        let restarts = tracker.restarts();
+        if restarts > self.restarts {
+            tracing::error!(restarts, "a filter or predictor was not finite and began anew");
+        }
+        self.restarts = restarts;
+    }
+
+    /// The tracker has forgotten what it knew.
+    pub fn reset(&mut self) {
+        self.drift = false;
+    }
+}
