@@ -3,7 +3,7 @@
 use crate::forward::{self, ForwardArgs};
 use clap::{Parser, Subcommand};
 use ipc::logging::LogArgs;
-use settings::commands::{ExportArgs, ImportArgs, InfoArgs, RecoverArgs, ReplayArgs, TraceArgs};
+use settings::commands::RecordingCommand;
 use settings::{Program, SettingsArgs};
 use std::process::ExitCode;
 
@@ -50,18 +50,9 @@ pub enum Command {
     Play(Box<crate::play::PlayArgs>),
     /// Pause, restart, take the next level of or end a running simulator.
     Ctl(crate::ctl::CtlArgs),
-    /// Run a recording through tracker and tissue again.
-    Replay(ReplayArgs),
-    /// Make a recording from a rig and a blob stream.
-    Import(ImportArgs),
-    /// Write the contents of a recording as CSV or JSON lines.
-    Export(ExportArgs),
-    /// Mend a truncated recording.
-    Recover(RecoverArgs),
-    /// Say what a recording holds.
-    Info(InfoArgs),
-    /// Show the way of one field through all instants.
-    Trace(TraceArgs),
+    /// Those on recordings.
+    #[command(flatten)]
+    OnRecording(RecordingCommand),
     /// Make a film of a module as a scripted surgeon does it, or of a recording as it was.
     Film(crate::film::FilmArgs),
     /// List the training modules.
@@ -103,12 +94,7 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Run(args) => crate::run::run(args),
         Command::Play(args) => crate::play::run(args),
         Command::Ctl(args) => crate::ctl::run(args),
-        Command::Replay(_)
-        | Command::Import(_)
-        | Command::Export(_)
-        | Command::Recover(_)
-        | Command::Info(_)
-        | Command::Trace(_) => forward::whole(REPLAY),
+        Command::OnRecording(_) => forward::whole(REPLAY),
         Command::Film(args) => crate::film::run(args),
         Command::Modules(args) => crate::modules::run(args),
         Command::Score(args) => crate::score::run(args),

@@ -1,29 +1,24 @@
 //! The tokio runtime of a command: its signals, and tasks that wait for channels.
 //!
 //! The command itself runs on the calling thread, because the ports of a channel may not change
-//! threads. Signals, output of children and timers are served by one worker thread, so that a
-//! second Ctrl-C ends the program even while the command is busy.
+//! threads. Output of children and timers are served by one worker thread, signals by another
+//! ([`ipc::signals`]), so that a second Ctrl-C ends the program even while the command is busy.
 
 use anyhow::Context;
 use ipc::Wakes;
 use std::future::{Future, pending, poll_fn};
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, OnceLock};
 use std::task::Poll;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
 use tokio::runtime::Builder;
-use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
 
 pub use outputs::exit::INTERRUPTED;
-
-/// Signals this soon after the first say the same thing: `timeout` signals its program and then the
-/// program's whole group, a terminal that closes sends two kinds.
-const SAME_REQUEST: Duration = Duration::from_millis(500);
 
 /// Runs a command to its end.
 ///
@@ -46,19 +41,10 @@ impl StopSignal {
     /// Where the system refuses a handler.
     pub fn install() -> anyhow::Result<Self> {
         let (raise, raised) = watch::channel(false);
-        let first = Arc::new(OnceLock::new());
-        for kind in [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup()] {
-            let mut signals = signal(kind).context("signals")?;
-            let (raise, first) = (raise.clone(), Arc::clone(&first));
-            tokio::spawn(async move {
-                while signals.recv().await.is_some() {
-                    if first.get_or_init(Instant::now).elapsed() >= SAME_REQUEST {
-                        std::process::exit(INTERRUPTED.into());
-                    }
-                    raise.send_replace(true);
-                }
-            });
-        }
+        let asked = move || {
+            raise.send_replace(true);
+        };
+        ipc::signals::listen(INTERRUPTED, asked).context("signals")?;
         Ok(Self(raised))
     }
 
@@ -134,6 +120,7 @@ mod tests {
     use super::*;
     use ipc::{Instance, Queue};
     use protocol::control::Request;
+    use std::time::Instant;
 
     #[test]
     fn a_notification_wakes_and_silence_ends_with_the_limit() {

@@ -9,7 +9,7 @@ use replay::recorded_film::{self, Part};
 use replay::resimulate;
 use replay::steps::Resimulated;
 use scene::{DEFAULT_SCENE, SceneFile};
-use settings::commands::{ExportArgs, ImportArgs, InfoArgs, RecoverArgs, ReplayArgs, TraceArgs};
+use settings::commands::RecordingCommand;
 use settings::{Program, SettingsArgs};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
@@ -34,18 +34,8 @@ struct Args {
 /// The sub-commands.
 #[derive(Debug, clap::Subcommand)]
 enum Command {
-    /// Run a recording through tracker and tissue again.
-    Replay(ReplayArgs),
-    /// Make a recording from a rig and a blob stream.
-    Import(ImportArgs),
-    /// Write the contents of a recording as CSV or JSON lines.
-    Export(ExportArgs),
-    /// Mend a truncated recording.
-    Recover(RecoverArgs),
-    /// Say what a recording holds.
-    Info(InfoArgs),
-    /// Show the way of one field through all instants.
-    Trace(TraceArgs),
+    #[command(flatten)]
+    OnRecording(RecordingCommand),
     /// Do every step of a recording again, and write what comes of it into another.
     Resimulate {
         /// The recording.
@@ -101,12 +91,14 @@ fn main() -> ExitCode {
 
 fn run(command: Command) -> anyhow::Result<ExitCode> {
     match command {
-        Command::Replay(args) => replay::command::run(&args),
-        Command::Import(args) => replay::import::run(&args),
-        Command::Export(args) => replay::export::run(&args),
-        Command::Recover(args) => replay::recover::run(&args),
-        Command::Info(args) => replay::info::run(&args),
-        Command::Trace(args) => replay::trace::run(&args),
+        Command::OnRecording(command) => match command {
+            RecordingCommand::Replay(args) => replay::command::run(&args),
+            RecordingCommand::Import(args) => replay::import::run(&args),
+            RecordingCommand::Export(args) => replay::export::run(&args),
+            RecordingCommand::Recover(args) => replay::recover::run(&args),
+            RecordingCommand::Info(args) => replay::info::run(&args),
+            RecordingCommand::Trace(args) => replay::trace::run(&args),
+        },
         Command::Scenes { scene, every, seed, length } => {
             let scene = SceneFile::load(&scene).context("scene")?;
             let mut out = BufWriter::new(std::io::stdout().lock());

@@ -18,6 +18,8 @@ use std::collections::VecDeque;
 /// Checkpoints that are kept. What is missing when this many further ones have come does not come any
 /// more.
 const CHECKPOINTS: usize = 2;
+/// Steps that wait for a checkpoint at most, half a minute of them: some recordings hold none that is of use.
+const WAITING: usize = 1500;
 
 /// What came of it.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -183,6 +185,12 @@ impl Steps {
             self.newest = self.newest.max(number);
         }
         self.past.note(entry);
+        if self.past.waiting_steps() > WAITING {
+            let lacking = self.past.lacking(&self.world);
+            self.lost = self.lost.take().or(lacking);
+            self.past.give_up_oldest();
+            self.done.undone += 1;
+        }
     }
 
     /// Keeps a checkpoint; where steps have been waiting since the one before the last, their inputs

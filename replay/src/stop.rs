@@ -1,16 +1,9 @@
-//! Ctrl-C, SIGTERM and SIGHUP: the first ends a replay in order, one that comes half a second or more
-//! after it ends the program at once.
+//! Whether the user has asked a replay to end.
 
 use outputs::exit::INTERRUPTED;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use signal_hook::iterator::Signals;
 use std::io;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
-use std::time::{Duration, Instant};
-
-/// Signals this soon after the first say the same thing: `timeout` signals its program and then the
-/// program's whole group.
-const SAME_REQUEST: Duration = Duration::from_millis(500);
+use std::time::Instant;
 
 /// Raised once by a signal.
 #[derive(Debug, Clone, Default)]
@@ -22,17 +15,9 @@ impl StopSignal {
     /// # Errors
     /// Where the system refuses a handler.
     pub fn install() -> io::Result<Self> {
-        let (stop, mut signals) = (StopSignal::default(), Signals::new([SIGINT, SIGTERM, SIGHUP])?);
+        let stop = StopSignal::default();
         let raise = stop.clone();
-        std::thread::Builder::new().name("signals".into()).spawn(move || {
-            let mut first = None;
-            for _ in signals.forever() {
-                if first.get_or_insert_with(Instant::now).elapsed() >= SAME_REQUEST {
-                    std::process::exit(INTERRUPTED.into());
-                }
-                raise.raise();
-            }
-        })?;
+        ipc::signals::listen(INTERRUPTED, move || raise.raise())?;
         Ok(stop)
     }
 

@@ -57,6 +57,9 @@ pub const LOGGING: [&str; 3] = ["log", "verbose", "quiet"];
 /// The variable of [`LOGGING`].
 pub const LOG_VARIABLE: &str = "RUST_LOG";
 
+/// Set for a program that takes over from another of this build, which has told what it passed over.
+pub const TOLD: &str = "VITREO_SETTINGS_TOLD";
+
 /// What is wrong with a file of settings.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{file}: {}{text}", line.map(|l| format!("line {l}: ")).unwrap_or_default())]
@@ -92,7 +95,8 @@ pub fn parse<P: Parser, L: FromArgMatches + Default>(program: &Program) -> Resul
     }
     let found = files::Files::of_this_machine();
     let without = words.iter().any(|w| w.to_str() == Some(&format!("--{NO_CONFIG}")));
-    if let Some(told) = found.passed_over.as_ref().filter(|_| !without) {
+    let told_before = std::env::var_os(TOLD).is_some();
+    if let Some(told) = found.passed_over.as_ref().filter(|_| !without && !told_before) {
         // Before logging begins; a closed standard error is no reason to fail.
         let _ = writeln!(std::io::stderr(), "vitreo: {told}");
     }

@@ -10,6 +10,9 @@ use protocol::steps::{CheckpointHeader, Numbered, StepInput, StepRecord, last_co
 use protocol::time::Nanos;
 use std::collections::VecDeque;
 
+/// Inputs of a kind that are kept for steps to come: poses of five minutes.
+const ROOM: usize = 16_384;
+
 /// What a recording knows since its newest checkpoint.
 #[derive(Debug, Default)]
 pub struct InputHistory {
@@ -58,9 +61,9 @@ impl InputHistory {
                 self.checkpoint = Some((header, bytes));
             }
             Entry::Step(step) => self.steps.push_back(step),
-            Entry::Poses(frame) => self.poses.push_back(frame),
-            Entry::Handle(handle) => self.handles.push_back(handle),
-            Entry::Pedal(pedal) => self.pedals.push_back(pedal),
+            Entry::Poses(frame) => keep(&mut self.poses, frame),
+            Entry::Handle(handle) => keep(&mut self.handles, handle),
+            Entry::Pedal(pedal) => keep(&mut self.pedals, pedal),
         }
     }
 
@@ -146,18 +149,15 @@ impl InputHistory {
     /// record, though the poses of all before it are there. It consumes what was sent before its poses.
     fn make_step_without_record(&mut self, world: &mut World, next: &StepRecord) -> bool {
         let state = world.state();
-        let [of_handles, of_pedals] =
-            [[state.handles_below, next.handles_below], [state.pedals_below, next.pedals_below]];
-        let exposed = next.instants.exposed;
-        let pose = self.poses.iter().position(|p| p.frame == next.frame && p.instants.exposed == exposed);
         let without_record = next.step.saturating_sub(state.step + 1);
-        let stepped_ns = next.instants.stepped;
-        let all_there = pose.is_some_and(|at| at as u64 == without_record)
-            && first_missing(&self.handles, of_handles, stepped_ns).is_none()
-            && first_missing(&self.pedals, of_pedals, stepped_ns).is_none();
         // Where no clock said when something was sent, nothing is known.
         let by_ns = self.poses.front().map_or(0, |frame| frame.instants.tracked);
-        if without_record == 0 || state.step == 0 || !all_there || by_ns == 0 {
+        if without_record == 0 || state.step == 0 || by_ns == 0 {
+            return false;
+        }
+        let pose = self.poses.get(without_record as usize);
+        let is_its = |p: &TrackerFrame| p.frame == next.frame && p.instants.exposed == next.instants.exposed;
+        if !pose.is_some_and(|p| is_its(p)) || self.missing_input(world, next).is_some() {
             return false;
         }
         let Some(frame) = self.poses.pop_front() else { return false };
@@ -212,11 +212,32 @@ impl InputHistory {
         if !self.poses.iter().any(|p| p.frame == step.frame && p.instants.exposed == exposed) {
             return Some(format!("the poses of step {} (field {}) are missing", step.step, step.field));
         }
-        let stepped_ns = step.instants.stepped;
+        let missing = self.missing_input(world, step);
+        missing.map(|(name, number)| format!("{name} state {number} is missing (field {})", step.field))
+    }
+
+    /// Kind and number of the first input that a step needs, from where `world` stands, and that is not
+    /// there.
+    fn missing_input(&self, world: &World, step: &StepRecord) -> Option<(&'static str, u64)> {
+        let (state, stepped_ns) = (world.state(), step.instants.stepped);
         let handle = first_missing(&self.handles, [state.handles_below, step.handles_below], stepped_ns);
-        let pedal = first_missing(&self.pedals, [state.pedals_below, step.pedals_below], stepped_ns);
-        let of = |name: &str, number: u64| format!("{name} state {number} is missing (field {})", step.field);
-        handle.map(|number| of("handle", number)).or_else(|| pedal.map(|number| of("pedal", number)))
+        let pedal = || first_missing(&self.pedals, [state.pedals_below, step.pedals_below], stepped_ns);
+        handle.map(|number| ("handle", number)).or_else(|| pedal().map(|number| ("pedal", number)))
+    }
+
+    /// Recorded steps that are waiting.
+    pub fn waiting_steps(&self) -> usize {
+        self.steps.len()
+    }
+
+    /// Gives up the oldest step that is waiting, and what it consumed.
+    pub fn give_up_oldest(&mut self) {
+        let Some(step) = self.steps.pop_front() else { return };
+        let older = |p: &TrackerFrame| p.instants.exposed <= step.instants.exposed;
+        let poses = self.poses.iter().take_while(|p| older(p)).count();
+        self.poses.drain(..poses);
+        sent_by(&mut self.handles, step.instants.exposed);
+        sent_by(&mut self.pedals, step.instants.exposed);
     }
 
     /// One recorded step: its pose and what came of it; `None` where an input is missing.
@@ -231,22 +252,26 @@ impl InputHistory {
         }
         let exposed = step.instants.exposed;
         let pose = self.poses.iter().position(|p| p.frame == step.frame && p.instants.exposed == exposed)?;
-        let stepped_ns = step.instants.stepped;
-        let (of_handles, of_pedals) =
-            ([state.handles_below, step.handles_below], [state.pedals_below, step.pedals_below]);
         // Nothing is taken before all is there.
-        let missing = first_missing(&self.handles, of_handles, stepped_ns)
-            .or_else(|| first_missing(&self.pedals, of_pedals, stepped_ns));
-        if missing.is_some() {
+        if self.missing_input(world, step).is_some() {
             return None;
         }
-        let handles = take(&mut self.handles, of_handles, stepped_ns);
-        let pedals = take(&mut self.pedals, of_pedals, stepped_ns);
+        let stepped_ns = step.instants.stepped;
+        let handles = take(&mut self.handles, [state.handles_below, step.handles_below], stepped_ns);
+        let pedals = take(&mut self.pedals, [state.pedals_below, step.pedals_below], stepped_ns);
         let frame = self.poses.drain(..=pose).next_back()?;
         let input = StepInput { frame: &frame, handles: &handles, pedals: &pedals };
         let report = world.step(&input, &mut no_clock);
         Some((frame, report))
     }
+}
+
+/// Keeps an input; where there is no room the oldest is dropped, for which no step has come.
+fn keep<T>(queue: &mut VecDeque<T>, input: T) {
+    if queue.len() == ROOM {
+        queue.pop_front();
+    }
+    queue.push_back(input);
 }
 
 /// Takes what a step consumed, and what came before it, off the front of a queue. All below number

@@ -26,6 +26,7 @@ pub mod outbox;
 mod port;
 mod segments;
 pub mod shell;
+pub mod signals;
 mod wake;
 
 pub use block::{BlockReceiver, BlockSample, BlockSender};

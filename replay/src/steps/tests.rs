@@ -210,3 +210,21 @@ fn a_simulation_that_began_anew_is_followed_and_old_checkpoints_are_forgotten() 
     assert_eq!(numbers, (1..=40).chain(1..=20).collect::<Vec<_>>());
     assert_eq!((done.gaps, done.undone), (0, 20), "a state of the earlier run leads nowhere");
 }
+
+#[test]
+fn steps_that_nothing_leads_to_do_not_wait_for_ever() {
+    let mut items = without(record(30, &[]), |item| matches!(item, Item::Step(s) if s.step == 20));
+    let last = items.iter().rev().find_map(|(_, item)| match item {
+        Item::Step(step) => Some(*step),
+        _ => None,
+    });
+    for n in 1..=2 * WAITING as u64 {
+        let mut step = last.expect("a step");
+        step.step += n;
+        items.push((30 * PERIOD_NS + n, Item::Step(step)));
+    }
+    let (numbers, done, lost) = again(items);
+    assert_eq!(numbers, (1..=19).collect::<Vec<_>>());
+    assert_eq!((done.undone, done.missing), (10 + 2 * WAITING as u64, 1));
+    assert_eq!(lost.as_deref(), Some("step 21 follows 19 (field 220)"));
+}
