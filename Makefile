@@ -142,8 +142,8 @@ test-slurm: fleet ## Score 1,000 recordings on a Slurm of this machine (installe
 
 test-s3: fleet setup-python ## Score 1,000 recordings out of an object store on this machine, workers killed, objects lost and refused
 	.venv/bin/pip install -q -r tests/python/requirements-s3.txt
-	cargo test --release -p launcher --features object-store --lib objects
-	cargo build --release -p launcher --features object-store
+	cargo test --release -p replay --features object-store --lib objects
+	cargo build --release -p replay --features object-store
 	.venv/bin/python tests/python/score_from_store.py $(RELEASE) out/fleet
 
 bench: setup ## Measure the parts, and latency and CPU cost without and with the picture
@@ -195,7 +195,7 @@ vectors: setup ## Renew the test vectors of the camera hardware; say in the comm
 
 # Programs that vitreo starts lie beside it; on the path is a link.
 programs: setup ## Build the programs for use (OBJECT_STORE=1: vitreo score takes s3:// addresses)
-	cargo build --release --bins $(if $(OBJECT_STORE),--features launcher/object-store)
+	cargo build --release --bins $(if $(OBJECT_STORE),--features replay/object-store)
 
 # Building belongs to who calls, also under sudo; only putting files into PREFIX may need more.
 install: ## Install into PREFIX (/usr/local), for packages below DESTDIR; make uninstall takes it away again

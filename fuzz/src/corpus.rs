@@ -2,9 +2,7 @@
 
 mod recorded;
 
-pub use recorded::{
-    camera_fields, journals, recorded_blocks, recordings, resting_frame, scene_streams, tracker_frames,
-};
+pub use recorded::{camera_fields, journals, recorded_blocks, recordings, resting_frame, tracker_frames};
 
 use crate::targets::Target;
 use std::fs;

@@ -53,14 +53,8 @@ pub enum Command {
     /// Those on recordings.
     #[command(flatten)]
     OnRecording(RecordingCommand),
-    /// Make a film of a module as a scripted surgeon does it, or of a recording as it was.
-    Film(crate::film::FilmArgs),
     /// List the training modules.
     Modules(crate::modules::ModulesArgs),
-    /// Score recorded attempts at a module.
-    Score(crate::score::ScoreArgs),
-    /// List, plot, export and delete what trainees achieved.
-    Results(crate::results::ResultsArgs),
     /// Find the blobs in pictures and clips.
     Blobs(ForwardArgs),
     /// Learn, show and check the camera's colour classes.
@@ -95,10 +89,7 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Play(args) => crate::play::run(args),
         Command::Ctl(args) => crate::ctl::run(args),
         Command::OnRecording(_) => forward::whole(REPLAY),
-        Command::Film(args) => crate::film::run(args),
         Command::Modules(args) => crate::modules::run(args),
-        Command::Score(args) => crate::score::run(args),
-        Command::Results(args) => crate::results::run(args),
         Command::Blobs(args) => forward::to(CAMERA, "vitreo", Some("blobs"), &cli.settings, args),
         Command::Colours(args) => forward::to(CAMERA, "vitreo", Some("colours"), &cli.settings, args),
         Command::Hardware(args) => forward::to(CAMERA, "vitreo", Some("hardware"), &cli.settings, args),

@@ -2,12 +2,12 @@
 
 pub use outputs::exit::*;
 
-use crate::objects::ObjectError;
 use ipc::IpcError;
-use results::store::StoreError;
+use results::keeping::is_bad_name;
 use scene::SceneError;
 use scene::module::ModuleError;
 use std::error::Error;
+use surgeon::skill::UnknownSkill;
 
 /// The exit code of a command that ends with an error.
 pub fn code_of(error: &anyhow::Error) -> u8 {
@@ -17,22 +17,18 @@ pub fn code_of(error: &anyhow::Error) -> u8 {
 /// Whether a cause is wrong use; `None` where that depends on its own cause.
 fn is_wrong_use(cause: &(dyn Error + 'static)) -> Option<bool> {
     if let Some(module) = cause.downcast_ref() {
-        // A scene that a module's file names is the file's defect.
-        return Some(matches!(module, ModuleError::Missing { .. } | ModuleError::Level { .. }));
+        return Some(ModuleError::is_wrong_use(module));
     }
     if let Some(scene) = cause.downcast_ref() {
-        return Some(matches!(scene, SceneError::Missing { .. }));
+        return Some(SceneError::is_wrong_use(scene));
     }
     if let Some(transport) = cause.downcast_ref() {
         return Some(matches!(transport, IpcError::InstanceName(_)));
     }
     if let Some(store) = cause.downcast_ref() {
-        return Some(matches!(store, StoreError::Value { field: "trainee", .. }));
+        return Some(is_bad_name(store));
     }
-    if let Some(object) = cause.downcast_ref() {
-        return Some(ObjectError::is_wrong_use(object));
-    }
-    cause.is::<WrongUse>().then_some(true)
+    (cause.is::<WrongUse>() || cause.is::<UnknownSkill>()).then_some(true)
 }
 
 #[cfg(test)]
@@ -43,19 +39,17 @@ mod tests {
     #[test]
     fn what_does_not_exist_is_wrong_use_and_what_is_defective_is_a_failure() {
         let missing = || SceneError::Missing { name: "x".into(), shipped: "peel".into() };
-        let wrong: [anyhow::Error; 7] = [
+        let wrong: [anyhow::Error; 6] = [
             results::store::check_name("a b").unwrap_err().into(),
             WrongUse("--until".into()).into(),
-            ObjectError::NotBuilt("s3://b/a.mcap".into()).into(),
             anyhow::Error::from(missing()).context("the scene"),
             ModuleError::Missing { name: "x".into(), shipped: "peeling".into() }.into(),
             ModuleError::Level { name: "peeling".into(), levels: 2, found: 9 }.into(),
             IpcError::InstanceName("a b".into()).into(),
         ];
         wrong.iter().for_each(|error| assert_eq!(code_of(error), WRONG_USE, "{error:#}"));
-        let failed: [anyhow::Error; 4] = [
+        let failed: [anyhow::Error; 3] = [
             anyhow!("no"),
-            ObjectError::Absent("s3://b/a.mcap".into()).into(),
             ModuleError::Scene { name: "own".into(), source: missing() }.into(),
             IpcError::InUse("main".into()).into(),
         ];

@@ -1,12 +1,11 @@
 //! `vitreo modules`: what there is to train; and the scene that `vitreo run --module` composes.
 
-use crate::exit::WrongUse;
 use crate::memory_file::MemoryFile;
 use anyhow::bail;
 use outputs::{print, println};
 use scene::module::{Kind, Module, names};
 use std::process::ExitCode;
-use surgeon::skill::{SKILLS, Skill, by_name};
+use surgeon::skill::{SKILLS, Skill, named};
 
 /// Arguments of `vitreo modules`.
 #[derive(Debug, clap::Args)]
@@ -71,11 +70,7 @@ impl Composed {
     /// # Errors
     /// Where the module, its level or the surgeon is unknown, or its file is refused.
     pub fn new(module: &str, level: u32, surgeon: &str, seed: u64) -> anyhow::Result<Self> {
-        let Some(surgeon) = by_name(surgeon) else {
-            let known: Vec<&str> = SKILLS.iter().map(|s| s.name).collect();
-            let known = known.join(", ");
-            bail!(WrongUse(format!("--surgeon: expected one of {known}, found {surgeon}")));
-        };
+        let surgeon = named(surgeon)?;
         let (file, module) = (MemoryFile::new("")?, surgeon::load(module)?);
         let mut composed = Composed { file, module, surgeon, seed, level, longest_s: 0.0 };
         composed.write()?;
@@ -85,9 +80,7 @@ impl Composed {
     fn write(&mut self) -> anyhow::Result<()> {
         let scene = surgeon::compose(&self.module, self.level, &self.surgeon, self.seed)?;
         self.file.replace(&scene.to_toml())?;
-        let script = scene.script_or_rest();
-        let again = script.goal_checks.iter().map(|l| (l.at_s - l.from_s) * l.retries.len() as f64);
-        self.longest_s = script.period_s + again.sum::<f64>();
+        self.longest_s = surgeon::longest_s(&scene);
         Ok(())
     }
 

@@ -1,12 +1,12 @@
 //! `vitreo play`: a person at a desk moves the instruments by mouse, keyboard or gamepad.
 
 use crate::machine::has_display;
-use crate::results::Place;
-use crate::run::{self, ARRANGEMENTS, DeskArgs, MAX_RESTARTS, RunArgs};
+use crate::run::{self, DeskArgs, MAX_RESTARTS, RunArgs};
 use anyhow::bail;
 use ipc::logging::inform;
 use outputs::{Force, print};
 use protocol::bindings::rows;
+use settings::commands::{Arrangement, StoreArgs};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -39,7 +39,7 @@ pub struct PlayArgs {
     pub trainee: Option<String>,
     /// Where the store lies.
     #[command(flatten)]
-    pub store: Place,
+    pub store: StoreArgs,
     /// Record everything; a restart or the next level begins another file, with a number.
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
@@ -57,8 +57,8 @@ pub struct PlayArgs {
     pub no_picture: bool,
     /// How the two channels share the picture: left or right alone, side-by-side, anaglyph,
     /// interleaved or sequential.
-    #[arg(long, value_name = "HOW", default_value = "left", value_parser = ARRANGEMENTS)]
-    pub arrange: String,
+    #[arg(long, value_enum, value_name = "HOW", default_value_t = Arrangement::Left, hide_possible_values = true)]
+    pub arrange: Arrangement,
     /// Fill the monitor.
     #[arg(long, conflicts_with_all = ["headless", "no_picture"])]
     pub full_screen: bool,
@@ -116,7 +116,7 @@ impl PlayArgs {
             headless: self.headless || (self.inputs.is_some() && !self.no_picture && !has_display()),
             window: self.inputs.is_none(),
             no_picture: self.no_picture,
-            arrange: Some(self.arrange.clone()),
+            arrange: Some(self.arrange),
             full_screen: self.full_screen,
             stills: self.stills.clone(),
             video: self.video.clone(),
@@ -157,7 +157,7 @@ mod tests {
         assert_eq!(parse(&[]).unwrap().module.as_deref(), Some(FIRST_MODULE));
         let shadow = parse(&["shadow", "--level", "2", "--input", "mouse"]).unwrap();
         assert_eq!((shadow.module.as_deref(), shadow.level, shadow.stay), (Some("shadow"), 2, true));
-        assert_eq!(shadow.arrange.as_deref(), Some("left"), "one large eye");
+        assert_eq!(shadow.arrange, Some(Arrangement::Left), "one large eye");
         let scene = parse(&["--scene", "trim"]).unwrap();
         assert_eq!((scene.module, scene.scene.as_deref(), scene.stay), (None, Some("trim"), false));
         for wrong in [

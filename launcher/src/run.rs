@@ -31,24 +31,25 @@ mod watch;
 
 pub use arguments::share;
 pub use load::{Judged, Load, NO_LOAD};
-pub use options::{ARRANGEMENTS, DeskArgs, RunArgs};
+pub use options::{DeskArgs, RunArgs};
 pub use policy::MAX_RESTARTS;
 
 use crate::exit::{BUDGET, FAILED, LOSS, UNTRACKED};
 use crate::machine::{allow_open_files, has_display};
 use crate::modules::Composed;
-use crate::results::{BEGAN, DESK, SURGEON, keep, seconds_since_1970};
 use crate::runtime::{StopSignal, block_on};
 use anyhow::Context;
 use diagnosis::{is_loss, untracked};
-use ipc::logging::warn;
-use options::View;
+use ipc::logging::{inform, warn};
+use options::{View, open_store};
 use outputs::{Outputs, print};
 use protocol::budget::Stage;
 use protocol::rig::Rig;
 use protocol::steps::STATE_HASH_VERSION;
-use recording::{Provenance, STATE_HASH, TRACKER, TRACKER_VERSION};
+use recording::{DESK, Provenance, STATE_HASH, TRACKER, TRACKER_VERSION};
 use report::{Report, Versions};
+use results::keeping::{BEGAN, SURGEON, keep, seconds_since_1970};
+use results::scored::live_text;
 use scene::{DEFAULT_SCENE, SceneFile};
 use session::{Attempt, Session};
 use std::collections::BTreeMap;
@@ -102,22 +103,27 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
 
 /// The score of an attempt, with its level where there were several.
 fn attempt_text(attempt: &Attempt, attempts: usize) -> String {
-    let text = crate::score::live_text(&attempt.live);
+    let text = live_text(&attempt.live);
     if attempts > 1 && !text.is_empty() { format!("level {}: {text}", attempt.level) } else { text }
 }
 
 /// Keeps the attempts in the results store, those broken off too. One that was not begun is left
 /// out; where it is the only one that is an error.
 fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Result<()> {
-    let mut store = crate::results::open(&args.store, true)?;
+    let mut store = open_store(&args.store)?;
     let person = args.desk.is_some() || args.cameras.is_some();
     let open_end = args.stay || person || attempts.len() > 1;
     for attempt in attempts {
         let Some(file) = &attempt.record else { continue };
-        match keep(&mut store, trainee, file) {
-            Err(problem) if open_end && attempt.live.total.is_none() => warn(&format!("{problem:#}")),
+        let kept = match keep(&mut store, trainee, file) {
+            Err(problem) if open_end && attempt.live.total.is_none() => {
+                warn(&format!("{problem:#}"));
+                continue;
+            }
             kept => kept.context("the attempt is not in the results store")?,
-        }
+        };
+        kept.warnings.iter().for_each(|text| warn(text));
+        if kept.is_new { inform(&kept.text) } else { warn(&kept.text) }
     }
     Ok(())
 }

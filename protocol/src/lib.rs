@@ -52,7 +52,6 @@ pub mod random;
 pub mod region;
 pub mod rig;
 pub mod scene;
-pub mod scene_stream;
 pub mod scene_text;
 pub mod steps;
 pub mod time;

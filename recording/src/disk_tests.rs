@@ -65,8 +65,7 @@ fn fake(room: usize) -> (Writer, Arc<Mutex<State>>, mpsc::Receiver<usize>) {
     let state = Arc::new(Mutex::new(State { room, ..State::default() }));
     let (told, syncs) = mpsc::channel();
     let medium = Fake { state: Arc::clone(&state), told };
-    let writer =
-        Writer::begin("/full/a.mcap".into(), Box::new(medium), &Provenance::default(), true).unwrap();
+    let writer = Writer::begin("/full/a.mcap".into(), Box::new(medium), &Provenance::default()).unwrap();
     (writer, state, syncs)
 }
 

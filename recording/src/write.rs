@@ -35,7 +35,6 @@ pub struct Writer {
     chunks: Chunks,
     disk: Disk,
     /// False for a file that is read once and removed.
-    lasting: bool,
     channels: [u16; Item::TOPICS.len()],
     viewers: [u16; viewer_messages::TOPICS.len()],
     sequences: BTreeMap<u16, u32>,
@@ -55,17 +54,7 @@ impl Writer {
     /// Where the file cannot be written.
     pub fn on(target: File, path: &Path, provenance: &Provenance) -> Result<Self, RecordingError> {
         let medium = NamedFile { file: target, path: path.into() };
-        Self::begin(path.display().to_string(), Box::new(medium), provenance, true)
-    }
-
-    /// The same for a file that is read once and removed: not compressed, without the messages for
-    /// viewers, and not carried to the disk.
-    ///
-    /// # Errors
-    /// Where the file cannot be written.
-    pub fn temporary(target: File, path: &Path, provenance: &Provenance) -> Result<Self, RecordingError> {
-        let medium = NamedFile { file: target, path: path.into() };
-        Self::begin(path.display().to_string(), Box::new(medium), provenance, false)
+        Self::begin(path.display().to_string(), Box::new(medium), provenance)
     }
 
     /// As [`Writer::on`], of a new file in the place of one of that name.
@@ -81,13 +70,12 @@ impl Writer {
         file: String,
         medium: Box<dyn Medium>,
         provenance: &Provenance,
-        lasting: bool,
     ) -> Result<Self, RecordingError> {
         let fail = |e: mcap::McapError| RecordingError::Write { file: file.clone(), problem: e.to_string() };
         let options = WriteOptions::new()
             .profile(PROFILE)
             .library(format!("vitreo {}", env!("CARGO_PKG_VERSION")))
-            .compression(lasting.then_some(Compression::Zstd))
+            .compression(Some(Compression::Zstd))
             .chunk_size(Some(CHUNK_BYTES));
         let metadata = Metadata { name: METADATA.into(), metadata: checksum::signed(pairs(provenance)) };
         let scratch = medium.scratch().ok();
@@ -99,7 +87,6 @@ impl Writer {
             file,
             chunks,
             disk,
-            lasting,
             channels,
             viewers,
             sequences: BTreeMap::new(),
@@ -129,11 +116,9 @@ impl Writer {
         record::encode(item, &mut self.message);
         self.append(self.channels[item.topic_index()], log_time_ns)?;
         self.open += 1;
-        if self.lasting {
-            self.message.clear();
-            if let Some(viewer) = viewer_messages::encode(item, &mut self.message) {
-                self.append(self.viewers[viewer], log_time_ns)?;
-            }
+        self.message.clear();
+        if let Some(viewer) = viewer_messages::encode(item, &mut self.message) {
+            self.append(self.viewers[viewer], log_time_ns)?;
         }
         self.disk.settle()
     }
@@ -207,7 +192,7 @@ impl Writer {
             self.ended = true;
         }
         self.disk.settle()?;
-        if self.lasting { self.disk.sync() } else { Ok(()) }
+        self.disk.sync()
     }
 
     fn failure(&self, problem: mcap::McapError) -> RecordingError {

@@ -1,4 +1,3 @@
 //! Sub-commands of the renderer's binary, each a shell of its own.
 
 pub mod bench;
-pub mod film;

@@ -9,6 +9,7 @@ pub mod cells;
 pub mod compose;
 pub mod config;
 pub mod costs;
+pub mod film;
 pub mod frame;
 pub mod fundus_map;
 pub mod governor;

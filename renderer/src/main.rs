@@ -3,15 +3,14 @@
 mod commands;
 
 use clap::Parser;
-use commands::{bench, film};
+use commands::bench;
 use protocol::health::Process;
 use renderer::config::Config;
 use settings::{Program, SettingsArgs};
 use std::process::ExitCode;
 
-/// What vitreo.toml says to the sub-commands that a person calls; a process of a run or of a film reads
-/// no file.
-const SETTINGS: Program = Program { prefix: "", without: &["film"], elsewhere: None };
+/// What vitreo.toml says to the sub-commands that a person calls; a process of a run reads no file.
+const SETTINGS: Program = Program { prefix: "", without: &[], elsewhere: None };
 
 /// Draws the surgeon's stereo view.
 #[derive(Debug, Parser)]
@@ -30,8 +29,6 @@ enum Command {
     /// Measure what a part costs on this machine.
     #[command(subcommand)]
     Bench(Bench),
-    /// Draw a stream of scenes without a clock.
-    Film(film::FilmArgs),
 }
 
 #[derive(Debug, clap::Subcommand)]
@@ -48,7 +45,6 @@ fn main() -> ExitCode {
     ipc::logging::init(Process::Renderer.name(), &cli.config.shell.log);
     let done = match &cli.command {
         Some(Command::Bench(Bench::Render(args))) => bench::render(args),
-        Some(Command::Film(args)) => film::film(args),
         None => renderer::process::run(&cli.config),
     };
     match done {

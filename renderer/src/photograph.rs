@@ -7,7 +7,9 @@
 use crate::assets::AssetError;
 use image::RgbImage;
 use scene::Side;
-use std::path::PathBuf;
+use settings::commands::FundusEye;
+
+pub use settings::commands::FundusArgs;
 
 /// Fovea in the shipped photograph, share of its width.
 const FOVEA: [f32; 2] = [0.503, 0.497];
@@ -35,45 +37,6 @@ const DISC_CONTRAST: f32 = 15.0;
 const BLACK: u8 = 20;
 /// Share of the field that may be black.
 const MOST_BLACK: f32 = 0.02;
-
-/// The photograph that is asked for.
-#[derive(Debug, Clone, Default, clap::Args)]
-pub struct FundusArgs {
-    /// Fundus photograph to lay on the retina instead of the shipped one: a square JPEG or PNG that
-    /// its round field fills.
-    #[arg(long, value_name = "PHOTO")]
-    pub fundus: Option<PathBuf>,
-    /// The eye that it shows: left or right [default: left].
-    #[arg(long, value_name = "SIDE", value_parser = side, requires = "fundus")]
-    pub fundus_eye: Option<Side>,
-    /// Where its fovea lies, as shares of width and height from the upper left [default: its
-    /// middle].
-    #[arg(long, value_name = "X,Y", value_parser = shares, requires = "fundus")]
-    pub fundus_fovea: Option<[f32; 2]>,
-    /// Its field as photographers give it, the angle that the camera takes in, degrees [default:
-    /// 45].
-    #[arg(long, value_name = "DEG", value_parser = degrees, requires = "fundus")]
-    pub fundus_field: Option<f32>,
-}
-
-fn side(text: &str) -> Result<Side, String> {
-    match text {
-        "left" => Ok(Side::Left),
-        "right" => Ok(Side::Right),
-        _ => Err("expected left or right".into()),
-    }
-}
-
-fn shares(text: &str) -> Result<[f32; 2], String> {
-    let share = |t: &str| t.trim().parse().ok().filter(|s| (0.0..=1.0).contains(s));
-    let both = text.split_once(',').and_then(|(x, y)| Some([share(x)?, share(y)?]));
-    both.ok_or_else(|| "expected two shares from 0 to 1, for instance 0.62,0.5".into())
-}
-
-fn degrees(text: &str) -> Result<f32, String> {
-    let value = text.parse().ok().filter(|d| (10.0..=60.0).contains(d));
-    value.ok_or_else(|| "expected 10 to 60 degrees".into())
-}
 
 /// A photograph and how it shows the fundus.
 #[derive(Debug, Clone)]
@@ -103,8 +66,8 @@ impl Photograph {
     /// If the fovea lies at the border of the field or beyond.
     pub fn described(picture: RgbImage, args: &FundusArgs) -> Result<Self, AssetError> {
         let mut photograph = Self::new(picture);
-        if let Some(eye) = args.fundus_eye {
-            photograph.eye = eye;
+        if args.fundus_eye == Some(FundusEye::Right) {
+            photograph.eye = Side::Right;
         }
         if photograph.eye == Side::Right {
             (photograph.fovea[0], photograph.middle[0]) = (1.0 - FOVEA[0], 1.0 - FOVEA[0]);
@@ -270,6 +233,7 @@ mod tests {
     use image::imageops::flip_horizontal;
 
     fn args(eye: Option<Side>, fovea: Option<[f32; 2]>, field: Option<f32>) -> FundusArgs {
+        let eye = eye.map(|eye| if eye == Side::Left { FundusEye::Left } else { FundusEye::Right });
         FundusArgs { fundus: None, fundus_eye: eye, fundus_fovea: fovea, fundus_field: field }
     }
 

@@ -5,49 +5,10 @@
 
 use crate::readback::Picture;
 
-/// An arrangement of the two channels.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
-#[repr(u32)]
-pub enum Arrangement {
-    /// Left channel left, right channel right.
-    #[default]
-    SideBySide = 0,
-    /// For red–cyan glasses: the left channel's luminance in red, the right one's in green and
-    /// blue.
-    Anaglyph = 1,
-    /// Lines from the top: even ones left, odd ones right, for line-interleaved fields of 85 Hz.
-    Interleaved = 2,
-    /// Left and right in turn, one refresh each, for two shuttered displays; a window only.
-    Sequential = 3,
-    /// Left channel alone.
-    Left = 4,
-    /// Right channel alone.
-    Right = 5,
-}
+pub use settings::commands::Arrangement;
 
 /// ITU-R BT.601 luminance of display values, in 1/256 as the device has it in 1/255.
 const LUMA: [u32; 3] = [77, 150, 29];
-
-impl Arrangement {
-    /// Size of the arranged picture for channels of this size, px.
-    pub fn size_px(self, width_px: u32, height_px: u32) -> [u32; 2] {
-        match self {
-            Arrangement::SideBySide => [2 * width_px, height_px],
-            _ => [width_px, height_px],
-        }
-    }
-
-    /// Pixels for one of the text over a picture: of lines in turn each eye sees every second one, so
-    /// two that are the same show all of it to both.
-    pub fn text_scale(self) -> u32 {
-        if self == Arrangement::Interleaved { 2 } else { 1 }
-    }
-
-    /// The arrangement for files, where nothing alternates in time.
-    pub fn for_files(self) -> Self {
-        if self == Arrangement::Sequential { Arrangement::SideBySide } else { self }
-    }
-}
 
 /// Arranges `picture`, which holds the channels side by side, in place.
 ///

@@ -1,128 +1,179 @@
-//! A scene's script played without cameras and without a clock, field by field, and what the
-//! simulation sends of it: for films and for pictures of a moment.
+//! `vitreo film`: a film of a module as the scripted surgeon does it, or of a recording as it was.
+//! Simulation and renderer work side by side, without cameras and without a clock, so that the film is
+//! whole and good however slow the machine is.
+//!
+//! - `scripted`, `recorded`: the scenes of the one and of the other
+//! - `subject`: which of them is asked for
 
-use crate::blocks::Blocks;
-use crate::perception::perform;
-use anyhow::Context;
+pub mod recorded;
+pub mod scripted;
+mod subject;
+
+use crate::stop::StopSignal;
+use anyhow::{Context, anyhow};
+use ipc::logging::inform;
+use outputs::exit::INTERRUPTED;
+use outputs::progress::pictures_bar;
+use outputs::{FILM_STILLS, Outputs, println};
 use protocol::poses::TrackerFrame;
 use protocol::scene::SceneHeader;
-use protocol::scene_stream;
-use protocol::time::Instants;
-use scene::SceneFile;
-use simcore::world::{World, WorldError};
-use std::io::Write;
-use surgeon::rehearsal::Rehearsal;
-use training::score::recording::is_over;
+use renderer::film::{Film, FilmConfig, Stills};
+use settings::commands::FilmArgs;
+use settings::inputs::check_file;
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::mpsc::{Receiver, sync_channel};
+use subject::Subject;
 
-/// Steps a second of the script.
-pub const FIELDS_PER_S: f64 = 50.0;
-/// The end screen of an attempt stands for so long, s.
-const END_SCREEN_S: f64 = 3.0;
+/// Pictures a second: that of the renderer's films.
+const PICTURES_PER_S: f64 = renderer::config::VIDEO_HZ as f64;
+/// Scenes that the simulation makes ahead of the picture.
+const AHEAD: usize = 4;
 
-/// A scene that is being played.
-#[derive(Debug)]
-pub struct Film {
-    rehearsal: Rehearsal,
-    world: World,
-    blocks: Blocks,
-    field: u64,
-    /// Poses of the field before, and the hash of the state that they led to.
-    last: Option<(Box<TrackerFrame>, u64)>,
+/// What the simulation sends for a picture.
+#[derive(Debug, Clone)]
+pub struct SceneShown {
+    /// The scene's header.
+    pub header: SceneHeader,
+    /// The poses that its step was made of, with their validity.
+    pub poses: Box<TrackerFrame>,
+    /// The scene's payload.
+    pub payload: Vec<u8>,
 }
 
-impl Film {
-    /// The beginning of a scene. With a seed the surgeon's tips shake as the script says.
-    pub fn begin(scene: &SceneFile, seed: Option<u64>) -> Result<Self, WorldError> {
-        let mut rehearsal = Rehearsal::shipped(scene);
-        if let Some(seed) = seed {
-            rehearsal = rehearsal.with_tremor(seed);
-        }
-        let world = World::new(scene)?;
-        Ok(Film { rehearsal, blocks: Blocks::new(&world), world, field: 0, last: None })
+/// Runs it. Exit code 3 where a part of the recording is missing or its states cannot be compared, 5
+/// where a state is not the recorded one, 130 where a signal ended it: the film then shows what was
+/// drawn until then.
+///
+/// # Errors
+/// Where module or recording are refused, or simulation or renderer fail.
+pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
+    let stop = StopSignal::install().context("signals")?;
+    let video = args.output.clone().or_else(|| args.stills.is_none().then(|| "out/film.mp4".into()));
+    args.fundus.fundus.as_deref().map_or(Ok(()), |photograph| check_file("--fundus", photograph))?;
+    let mut outputs = Outputs::new(args.force.force).reading(&args.subject).reading_all(&args.fundus.fundus);
+    video.as_deref().map_or(Ok(()), |file| outputs.claim(file))?;
+    args.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder, FILM_STILLS))?;
+    let subject = Subject::open(args)?;
+    let config = config(args, &subject, video.clone());
+    let (drawn, code) = side_by_side(&subject, config, outputs, &stop)?;
+    let shown_s = drawn as f64 / PICTURES_PER_S;
+    let share = if stop.is_raised() { "stopped" } else { subject.share(shown_s) };
+    inform(&format!("{shown_s:.1} s: {share}"));
+    for path in video.iter().chain(&args.stills) {
+        println!("{}", path.display());
     }
+    Ok(ExitCode::from(code))
+}
 
-    /// Fields of the script's round.
-    pub fn fields(&self) -> u64 {
-        self.rehearsal.fields()
+fn config(args: &FilmArgs, subject: &Subject, video: Option<PathBuf>) -> FilmConfig {
+    let stills = |folder: &PathBuf| Stills {
+        folder: folder.clone(),
+        from_s: args.span.from,
+        every_s: args.every,
+        jpeg_bytes: args.jpeg.map(|kb| kb as usize * 1000),
+    };
+    FilmConfig {
+        tier: args.tier.unwrap_or(subject.tier()) as usize,
+        arrangement: args.arrange,
+        fundus: args.fundus.clone(),
+        video,
+        stills: args.stills.as_ref().map(stills),
     }
+}
 
-    /// The last field of a film that is at most so long, as far as is known by now: an attempt's
-    /// ends with its end screen.
-    fn last_field(&self, seconds: Option<f64>, over_since: Option<u64>) -> u64 {
-        let end_screen = (END_SCREEN_S * FIELDS_PER_S) as u64;
-        let round = match self.world.task() {
-            Some(_) => over_since.unwrap_or(self.fields()) + end_screen,
-            None if seconds.is_some() => u64::MAX,
-            None => self.fields(),
+/// Simulates on a thread and draws on this one; how many pictures, and the exit code.
+fn side_by_side(
+    subject: &Subject,
+    config: FilmConfig,
+    outputs: Outputs,
+    stop: &StopSignal,
+) -> anyhow::Result<(u64, u8)> {
+    let film = Film::begin(config, outputs, &subject.scene, &subject.rig)?;
+    std::thread::scope(|scope| {
+        let (sender, scenes) = sync_channel(AHEAD);
+        // Nobody who draws any more takes scenes: that is the end of it.
+        let mut show = move |shown| match sender.send(shown) {
+            Ok(()) => Ok(ControlFlow::Continue(())),
+            Err(_) => Ok(ControlFlow::Break(())),
         };
-        seconds.map_or(round, |s| round.min((s * FIELDS_PER_S) as u64))
-    }
-
-    /// Plays on until `field` fields after the beginning.
-    pub fn play_to(&mut self, field: u64) {
-        while self.field < field {
-            let (poses, report) = perform(&mut self.rehearsal, &mut self.world, self.field);
-            self.last = Some((poses, report.state_hash));
-            self.field += 1;
-        }
-    }
-
-    /// What the simulation sends now: header and payload.
-    pub fn scene(&mut self) -> (SceneHeader, &[u8]) {
-        // Instants of 0 mean "not yet".
-        let exposed = self.world.state().exposed_ns.max(1);
-        let instants = Instants { exposed, ..bytemuck::Zeroable::zeroed() };
-        let state_hash = self.last.as_ref().map_or(0, |(_, hash)| *hash);
-        self.blocks.make(&self.world, instants, state_hash)
-    }
+        let simulation = scope.spawn(move || subject.play(&mut show));
+        let drawn = draw(film, scenes, (subject.longest_s() * PICTURES_PER_S) as u64 + 1, stop);
+        let simulated = simulation.join().map_err(|_| anyhow!("the simulation ended unexpectedly"));
+        let drawn = drawn?;
+        let code = match (stop.is_raised(), simulated?) {
+            (true, _) => INTERRUPTED,
+            (false, code) => code?,
+        };
+        Ok((drawn, code))
+    })
 }
 
-/// Writes the scene of every `every`-th field, from the first on: an attempt at a task until its
-/// end screen, else a round of the script, or for `seconds`, whatever the script; how many.
-pub fn write(
-    scene: &SceneFile,
-    seed: Option<u64>,
-    every: u64,
-    seconds: Option<f64>,
-    out: &mut impl Write,
+/// Draws the scenes until the last or a signal, and shows how far they are; how many.
+fn draw(
+    mut film: Film,
+    scenes: Receiver<SceneShown>,
+    expected: u64,
+    stop: &StopSignal,
 ) -> anyhow::Result<u64> {
-    let mut film = Film::begin(scene, seed).context("scene")?;
-    scene_stream::begin(out)?;
-    let (mut field, mut written, mut over) = (0, 0, None);
-    while field <= film.last_field(seconds, over) {
-        // Before the first step no instrument has been seen.
-        film.play_to(field + 1);
-        over = over.or_else(|| film.world.task().is_some_and(|(_, s)| is_over(s)).then_some(field));
-        let (poses, _) = film.last.clone().expect("a step was made");
-        let (header, payload) = film.scene();
-        scene_stream::write(out, &header, &poses, payload)?;
-        written += 1;
-        field += every.max(1);
+    let bar = pictures_bar(expected, "pictures");
+    let mut drawn = 0;
+    while !stop.is_raised()
+        && let Ok(SceneShown { header, poses, payload }) = scenes.recv()
+    {
+        film.take(&header, &poses, &payload)?;
+        drawn += 1;
+        bar.inc(1);
     }
-    out.flush()?;
-    Ok(written)
+    drop(scenes);
+    film.finish()?;
+    bar.finish_and_clear();
+    Ok(drawn)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        film: FilmArgs,
+    }
+
+    fn golden() -> String {
+        concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/golden/peel-2s.mcap").into()
+    }
 
     #[test]
-    fn a_film_is_as_long_as_asked_or_as_the_script() {
-        let scene = SceneFile::load("peel").unwrap();
-        let mut bytes = Vec::new();
-        assert_eq!(write(&scene, Some(3), 10, Some(1.0), &mut bytes).unwrap(), 6);
-        let mut reader = scene_stream::Reader::new(&bytes[..]).unwrap();
-        let mut steps = Vec::new();
-        while let Some(scene) = reader.next_scene().unwrap() {
-            steps.push(scene.header.step);
-            assert_eq!(scene.header.instants.exposed, scene.poses.instants.exposed);
-            assert!(scene.header.nodes.count > 100 && scene.payload.len() > 1000);
+    fn a_file_is_a_recording_and_each_has_its_own_options() {
+        let open = |words: &[&str]| {
+            let film = Line::try_parse_from(std::iter::once(&"film").chain(words)).unwrap().film;
+            Subject::open(&film).map(|subject| (subject.tier(), subject.longest_s()))
+        };
+        let golden = golden();
+        let (tier, length_s) = open(&[&golden, "--from", "0.5", "--until", "1.5"]).unwrap();
+        assert_eq!((tier, length_s), (0, 1.0));
+        assert_eq!(open(&["navigation", "--length", "2"]).unwrap(), (1, 2.0));
+        for (words, told) in [
+            (&[golden.as_str(), "--level", "2"][..], "--level"),
+            (&[&golden, "--surgeon", "expert"], "--surgeon"),
+            (&[&golden, "--length", "2"], "--until"),
+            (&[&golden, "--seed", "2"], "--seed"),
+            (&[&golden, "--from", "1", "--until", "0.5"], "--until 0.5"),
+            (&[&golden, "--from", "60"], "--from 60"),
+            (&["navigation", "--from", "1"], "--length"),
+            (&["navigation", "--until", "1"], "--length"),
+            (&["juggling"], "juggling"),
+        ] {
+            let error = open(words).unwrap_err();
+            assert_eq!(crate::exit::code_of(&error), outputs::exit::WRONG_USE, "{words:?}");
+            assert!(error.to_string().contains(told), "{words:?}: {error}");
         }
-        assert_eq!(steps, [1, 11, 21, 31, 41, 51]);
-        let mut nothing = std::io::sink();
-        let mut short = scene;
-        short.script.as_mut().unwrap().period_s = 16.0;
-        assert_eq!(write(&short, None, 400, None, &mut nothing).unwrap(), 3, "a round of 800 fields");
+        let missing = open(&["no.mcap"]).unwrap_err();
+        assert_eq!(crate::exit::code_of(&missing), outputs::exit::FAILED);
+        assert!(missing.to_string().contains("no.mcap"), "{missing}");
     }
 }

@@ -1,6 +1,7 @@
 //! Recordings again, in one process and without a clock: through tracker and simulation ([`engine`]),
-//! through the simulation alone ([`resimulate`]), also to be drawn ([`recorded_film`]). A scene's script is
-//! played for a film ([`film`]) by a surgeon who sees the simulated eye ([`perception`]).
+//! through the simulation alone ([`resimulate`]); drawn ([`film`]), scored ([`score`]), and what
+//! trainees achieved in them ([`results`]). A scene's script is played by a surgeon who sees the
+//! simulated eye ([`perception`]).
 //!
 //! [`frames`] knows which camera-fields a frame consumed, [`steps`] does steps from what each consumed;
 //! both take the items of a recording as they come.
@@ -8,6 +9,7 @@
 pub mod blocks;
 pub mod command;
 pub mod engine;
+pub mod exit;
 pub mod export;
 pub mod film;
 pub mod frames;
@@ -15,10 +17,11 @@ pub mod import;
 pub mod info;
 pub mod pace;
 pub mod perception;
-pub mod recorded_film;
 pub mod recover;
 pub mod report;
 pub mod resimulate;
+pub mod results;
+pub mod score;
 pub mod steps;
 pub mod stop;
 pub mod trace;

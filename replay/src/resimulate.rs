@@ -1,15 +1,13 @@
 //! A recording is resimulated, in one go and without the other processes: every step from the
-//! recorded poses, handles and pedal ([`steps`]), for a film or written as a recording of poses,
-//! steps and events that is read once ([`run`]). Pure but for the files; the same bits as in the
-//! live run.
+//! recorded poses, handles and pedal, for a film or a score. Pure; the same bits as in the live run.
 //!
 //! Over a gap it goes on from the next checkpoint, as `vitreo replay --verify` does.
 
 use crate::steps::{Resimulated, StepAgain, Steps};
 use anyhow::Context;
-use outputs::GrowingFile;
-use protocol::steps::STATE_HASH_VERSION;
-use recording::{Item, Recording, STATE_HASH, Writer};
+use ipc::logging::message;
+use outputs::exit::{DIFFERS, LOSS};
+use recording::{Recording, states_incomparable};
 use scene::SceneFile;
 use simcore::world::World;
 use std::ops::ControlFlow;
@@ -17,29 +15,6 @@ use std::path::Path;
 
 /// What a step consumes, what tells that it was made, and where it can go on after a gap.
 const TOPICS: [&str; 5] = ["poses", "handles", "pedal", "steps", "checkpoints"];
-
-/// Resimulates `file` into `out`. Where inputs are missing it goes on from the next checkpoint.
-///
-/// # Errors
-/// Where the file is no recording, its scene cannot be simulated, or `out` cannot be written.
-pub fn run(file: &Path, out: &GrowingFile) -> anyhow::Result<Resimulated> {
-    let recording = Recording::open(file)?;
-    let (scene, mut own) = (scene_of(&recording)?, recording.provenance().clone());
-    own.versions.insert(STATE_HASH.into(), STATE_HASH_VERSION.to_string());
-    let mut writer = Writer::temporary(out.handle()?, out.path(), &own)?;
-    let world = World::new(&scene).context("scene")?.unseen();
-    let done = steps(&recording, world, |again| {
-        let at = again.poses.instants.exposed;
-        writer.write(at, &Item::Poses(again.poses))?;
-        writer.write(at, &Item::Step(again.step))?;
-        for event in again.world.events() {
-            writer.write(at, &Item::Event(*event))?;
-        }
-        Ok(ControlFlow::Continue(()))
-    })?;
-    writer.finish()?;
-    Ok(done)
-}
 
 /// The scene of a recording.
 ///
@@ -77,20 +52,55 @@ pub fn steps(
     }
 }
 
+/// Tells what is not as it was recorded; the exit code.
+pub fn tell(file: &Path, done: &Resimulated) -> u8 {
+    let warn = |text: String| message(tracing::Level::WARN, &format!("{}: {text}", file.display()));
+    if let Some(step) = done.differs_at {
+        warn(format!("from step {step} on the state is not the recorded one"));
+    }
+    let (undone, gaps) = (done.undone, done.gaps);
+    if undone > 0 || gaps > 0 {
+        warn(format!("inputs of {undone} steps are missing; gone on from a checkpoint {gaps} times"));
+    }
+    if done.has_gaps() { LOSS } else { 0 }
+}
+
+/// As [`tell`], of a film. It shows what happened: whoever looks at it must know where it does not.
+pub fn tell_of_film(file: &Path, done: &Resimulated) -> u8 {
+    if let Some(damage) = &done.damage {
+        message(tracing::Level::WARN, damage);
+    }
+    if let Some(version) = done.other_state_hash_version {
+        message(tracing::Level::WARN, &format!("{}: {}", file.display(), states_incomparable(version)));
+    }
+    match (tell(file, done), done) {
+        (_, Resimulated { differs_at: Some(_), .. }) => DIFFERS,
+        (0, Resimulated { other_state_hash_version: Some(_), .. }) => LOSS,
+        (code, _) => code,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use outputs::Outputs;
     use protocol::steps::{CheckpointHeader, StepRecord};
-    use recording::Provenance;
+    use recording::{Item, Provenance, STATE_HASH, Writer};
     use simcore::resume::{InputHistory, Repeated};
     use std::path::PathBuf;
 
-    fn resimulated(file: &Path, out: &Path) -> anyhow::Result<Resimulated> {
-        let mut out = Outputs::new(true).grow(out)?;
-        let done = run(file, &out)?;
-        out.appear()?;
-        Ok(done)
+    /// What comes of a recording: hash by step, and its events as bytes.
+    type Again = (Resimulated, Vec<(u64, u64)>, Vec<Vec<u8>>);
+
+    fn resimulated(file: &Path) -> Again {
+        let recording = Recording::open(file).unwrap();
+        let world = World::new(&scene_of(&recording).unwrap()).unwrap().unseen();
+        let (mut hashes, mut events) = (Vec::new(), Vec::new());
+        let done = steps(&recording, world, |again| {
+            hashes.push((again.step.step, again.step.state_hash));
+            events.extend(again.world.events().iter().map(|event| bytemuck::bytes_of(event).to_vec()));
+            Ok(ControlFlow::Continue(()))
+        });
+        (done.unwrap(), hashes, events)
     }
 
     fn golden() -> PathBuf {
@@ -103,29 +113,25 @@ mod tests {
 
     #[test]
     fn a_live_run_comes_out_to_the_bit() {
-        let folder = tempfile::tempdir().unwrap();
-        let out = folder.path().join("again.mcap");
-        let done = resimulated(&golden(), &out).unwrap();
+        let (done, hashes, events) = resimulated(&golden());
         assert_eq!(done.differs_at, None);
-        let hashes = |file: &Path| -> Vec<(u64, u64)> {
-            let of = |item| {
-                if let Item::Step(s) = item { (s.step, s.state_hash) } else { unreachable!("steps only") }
-            };
-            items(file, &["steps"]).into_iter().map(of).collect()
-        };
-        assert!(done.steps > 50 && hashes(&out) == hashes(&golden()));
-        let events = |file: &Path| -> Vec<_> {
-            let of =
-                |item| if let Item::Event(e) = item { bytemuck::bytes_of(&e).to_vec() } else { Vec::new() };
-            items(file, &["events"]).into_iter().map(of).collect()
-        };
-        assert_eq!(events(&out), events(&golden()));
+        let recorded: Vec<(u64, u64)> =
+            items(&golden(), &["steps"])
+                .into_iter()
+                .map(|item| {
+                    if let Item::Step(s) = item { (s.step, s.state_hash) } else { unreachable!("steps only") }
+                })
+                .collect();
+        assert!(done.steps > 50 && hashes == recorded);
+        let of = |item| if let Item::Event(e) = item { bytemuck::bytes_of(&e).to_vec() } else { Vec::new() };
+        let recorded: Vec<Vec<u8>> = items(&golden(), &["events"]).into_iter().map(of).collect();
+        assert_eq!(events, recorded);
     }
 
     #[test]
     fn over_a_gap_it_goes_on_from_a_checkpoint() {
         let folder = tempfile::tempdir().unwrap();
-        let (bad, out) = (folder.path().join("bad.mcap"), folder.path().join("again.mcap"));
+        let bad = folder.path().join("bad.mcap");
         let recording = Recording::open(&golden()).unwrap();
         // A checkpoint of the state after step 60, of a world that does the steps.
         let scene = SceneFile::parse(&recording.provenance().scene_toml, "golden").unwrap();
@@ -150,7 +156,7 @@ mod tests {
             }
         }
         writer.finish().unwrap();
-        let done = resimulated(&bad, &out).unwrap();
+        let done = resimulated(&bad).0;
         let all = items(&golden(), &["steps"]).len() as u64;
         assert_eq!((done.gaps, done.differs_at, done.steps + done.undone), (1, None, all), "{done:?}");
         assert!(done.undone > 0 && done.undone <= 22, "from the lost pose to the checkpoint: {done:?}");
@@ -159,7 +165,7 @@ mod tests {
     #[test]
     fn missing_inputs_are_told_and_another_state_noticed() {
         let folder = tempfile::tempdir().unwrap();
-        let (bad, out) = (folder.path().join("bad.mcap"), folder.path().join("again.mcap"));
+        let bad = folder.path().join("bad.mcap");
         let mut provenance = Recording::open(&golden()).unwrap().provenance().clone();
         let copy = |provenance: &Provenance, change: &dyn Fn(Item) -> Option<Item>| {
             let mut writer = Writer::create(&bad, provenance).unwrap();
@@ -169,7 +175,7 @@ mod tests {
             writer.finish().unwrap();
         };
         copy(&provenance, &|item| Some(item).filter(|i| !matches!(i, Item::Poses(p) if p.frame == 40)));
-        let done = resimulated(&bad, &out).unwrap();
+        let done = resimulated(&bad).0;
         let all = items(&golden(), &["steps"]).len() as u64;
         assert!(done.undone > 0 && done.steps > 30 && done.steps + done.undone == all, "{done:?}");
         let another = |item| match item {
@@ -177,13 +183,11 @@ mod tests {
             other => Some(other),
         };
         copy(&provenance, &another);
-        assert_eq!(resimulated(&bad, &out).unwrap().differs_at, Some(30));
+        assert_eq!(resimulated(&bad).0.differs_at, Some(30));
         // Hashes of another version say nothing about the states.
         provenance.versions.insert(STATE_HASH.into(), "7".into());
         copy(&provenance, &another);
-        let done = resimulated(&bad, &out).unwrap();
+        let done = resimulated(&bad).0;
         assert_eq!((done.differs_at, done.other_state_hash_version), (None, Some(7)));
-        let own = Recording::open(&out).unwrap().provenance().other_state_hash_version();
-        assert_eq!(own, None, "what was simulated here is of this version");
     }
 }

@@ -77,7 +77,7 @@ impl Origin {
     fn of(notes: &BTreeMap<String, String>) -> Result<Self, ShardError> {
         let note = |key: &'static str| notes.get(key).ok_or(ShardError::Note(key));
         Ok(Origin {
-            shard: note("shard")?.parse().map_err(|_| ShardError::Note("shard"))?,
+            shard: Shard::of_text(note("shard")?).ok_or(ShardError::Note("shard"))?,
             listed: note("listed")?.parse().map_err(|_| ShardError::Note("listed"))?,
             list_sha256: note("list_sha256")?.clone(),
             made: note("made")?.clone(),

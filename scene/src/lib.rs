@@ -94,6 +94,13 @@ pub enum SceneError {
     },
 }
 
+impl SceneError {
+    /// There is no such scene; else what there is, is defective.
+    pub fn is_wrong_use(&self) -> bool {
+        matches!(self, SceneError::Missing { .. })
+    }
+}
+
 /// A key that is refused, what it should hold, and what it holds.
 type Defect = (String, String, String);
 

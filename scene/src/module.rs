@@ -70,6 +70,14 @@ pub enum ModuleError {
     },
 }
 
+impl ModuleError {
+    /// There is no such module or level; else what there is, is defective. A scene that a module's file
+    /// names is the file's defect.
+    pub fn is_wrong_use(&self) -> bool {
+        matches!(self, ModuleError::Missing { .. } | ModuleError::Level { .. })
+    }
+}
+
 /// What a module trains.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

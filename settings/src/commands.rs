@@ -1,20 +1,30 @@
 //! Command lines that several programs read: `vitreo` checks, describes and completes them, the program
 //! that does the work takes them again.
 
+pub mod arrangement;
 mod export;
+mod film;
+mod fundus;
 mod import;
 mod info;
 pub mod numbers;
 mod recover;
 mod replay;
+mod results;
+mod score;
 mod span;
 mod trace;
 
+pub use arrangement::Arrangement;
 pub use export::{ExportArgs, TABLES, What};
+pub use film::FilmArgs;
+pub use fundus::{FundusArgs, FundusEye};
 pub use import::ImportArgs;
 pub use info::InfoArgs;
 pub use recover::RecoverArgs;
 pub use replay::ReplayArgs;
+pub use results::{ResultsArgs, ResultsCommand, StoreArgs, TERMINAL};
+pub use score::{BatchArgs, ScoreArgs};
 pub use span::SpanArgs;
 pub use trace::TraceArgs;
 
@@ -33,4 +43,10 @@ pub enum RecordingCommand {
     Info(InfoArgs),
     /// Show the way of one field through all instants.
     Trace(TraceArgs),
+    /// Make a film of a module as a scripted surgeon does it, or of a recording as it was.
+    Film(FilmArgs),
+    /// Score recorded attempts at a module.
+    Score(ScoreArgs),
+    /// List, plot, export and delete what trainees achieved.
+    Results(ResultsArgs),
 }

@@ -14,6 +14,7 @@ pub mod check;
 pub mod commands;
 pub mod describe;
 pub mod files;
+pub mod inputs;
 pub mod toml_file;
 
 use clap::{ArgMatches, FromArgMatches, Parser};

@@ -52,6 +52,13 @@ pub fn compose(module: &Module, level: u32, skill: &Skill, seed: u64) -> Result<
         .map_err(|source| ModuleError::Scene { name: module.name.clone(), source })
 }
 
+/// Longest attempt that a scene's script can become, s: everything that can be done again is.
+pub fn longest_s(scene: &SceneFile) -> f64 {
+    let script = scene.script_or_rest();
+    let again = script.goal_checks.iter().map(|l| (l.at_s - l.from_s) * l.retries.len() as f64);
+    script.period_s + again.sum::<f64>()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -10,4 +10,4 @@ pub mod script;
 pub mod skill;
 pub mod tremor;
 
-pub use attempt::{compose, load};
+pub use attempt::{compose, load, longest_s};

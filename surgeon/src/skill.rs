@@ -130,9 +130,19 @@ pub const IDLE: Skill = Skill {
 /// Every shipped skill, best first.
 pub const SKILLS: [Skill; 5] = [EXPERT, AVERAGE, NOVICE, CARELESS, IDLE];
 
+/// There is no such surgeon.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("--surgeon: expected one of {}, found {found}", SKILLS.map(|skill| skill.name).join(", "))]
+pub struct UnknownSkill {
+    found: String,
+}
+
 /// The shipped skill of this name.
-pub fn by_name(name: &str) -> Option<Skill> {
-    SKILLS.into_iter().find(|s| s.name == name)
+///
+/// # Errors
+/// For any other name.
+pub fn named(name: &str) -> Result<Skill, UnknownSkill> {
+    SKILLS.into_iter().find(|s| s.name == name).ok_or_else(|| UnknownSkill { found: name.into() })
 }
 
 /// A movement, or a hold, between two key frames of one instrument.

@@ -37,6 +37,8 @@ const ARROWS: &[(&str, &[&str])] = &[
             "simcore",
             "tracker",
             "diagnosis",
+            "renderer",
+            "results",
         ],
     ),
     ("virtual-rig", &["protocol", "ipc", "outputs", "scene", "surgeon", "blob-stream"]),
@@ -45,7 +47,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("diagnosis", &["protocol"]),
     ("calibration", &["protocol", "ipc", "outputs", "settings", "recording", "blob-stream", "tracker"]),
     ("renderer", &["protocol", "ipc", "outputs", "settings", "scene", "font"]),
-    ("results", &["protocol", "font", "outputs"]),
+    ("results", &["protocol", "font", "outputs", "recording", "scene", "training"]),
     ("desk", &["protocol", "ipc", "scene"]),
     (
         "launcher",
@@ -96,9 +98,9 @@ const OWNERS: &[(&str, &[&str])] = &[
     ("openh264", &["renderer"]),
     ("mp4-atom", &["renderer"]),
     ("swash", &["font"]),
-    ("tokio", &["launcher"]),
-    ("object_store", &["launcher"]),
-    ("futures-util", &["launcher"]),
+    ("tokio", &["launcher", "replay"]),
+    ("object_store", &["replay"]),
+    ("futures-util", &["replay"]),
 ];
 /// Folders of crates that ship with nothing.
 const PROOF_FOLDERS: [&str; 3] = ["validation/", "fuzz/", "tests/"];

@@ -121,6 +121,7 @@ pub fn vitreo(args: &[&str]) -> Finished {
 pub struct Running {
     child: Child,
     watchdog: Watchdog,
+    args: Vec<String>,
 }
 
 impl Running {
@@ -137,7 +138,7 @@ impl Running {
             .spawn()
             .expect("vitreo starts");
         let watchdog = Watchdog::on(child.id());
-        Self { child, watchdog }
+        Self { child, watchdog, args: args.iter().map(|&arg| arg.into()).collect() }
     }
 
     /// Process id of the launcher.
@@ -145,15 +146,20 @@ impl Running {
         self.child.id()
     }
 
-    /// Waits for its end.
+    /// Waits for its end. What a simulator recorded is verified: every scenario proves the processes'
+    /// arithmetic beside its own point.
     ///
     /// # Panics
-    /// If the watchdog had to end it.
+    /// If the watchdog had to end it, or a recording does not verify.
     pub fn finish(self) -> Finished {
         let Output { status, stdout, stderr } = self.child.wait_with_output().expect("vitreo is waited for");
         let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
         let finished = Finished { code: status.code(), stdout: text(stdout), stderr: text(stderr) };
         assert!(!self.watchdog.barked(), "hung and was killed: {finished:#?}");
+        let args: Vec<&str> = self.args.iter().map(String::as_str).collect();
+        if ["run", "play"].iter().any(|command| args.first() == Some(command)) {
+            verified::verify_left_by(&args);
+        }
         finished
     }
 }

@@ -12,7 +12,7 @@ use renderer::readback::Picture;
 use renderer::reference_scene::SceneBlock;
 use renderer::start::renderer_config;
 use renderer::stereo::{Arrangement, arrange};
-use replay::film::{FIELDS_PER_S, Film};
+use replay::film::scripted::{FIELDS_PER_S, ScriptedFilm};
 use scene::SceneFile;
 use surgeon::skill::EXPERT;
 
@@ -20,7 +20,7 @@ use surgeon::skill::EXPERT;
 pub struct ScenePlayer {
     /// Its file.
     pub scene: SceneFile,
-    film: Film,
+    film: ScriptedFilm,
     /// The first scene: the renderer takes places in the fundus map from it.
     first: SceneBlock,
 }
@@ -31,7 +31,7 @@ impl ScenePlayer {
     /// # Panics
     /// If the simulation refuses it.
     pub fn begin(scene: SceneFile) -> Self {
-        let mut film = Film::begin(&scene, None).expect("a scene that can be simulated");
+        let mut film = ScriptedFilm::begin(&scene, None).expect("a scene that can be simulated");
         let first = block(&mut film);
         Self { scene, film, first }
     }
@@ -114,7 +114,7 @@ impl ScenePlayer {
     }
 }
 
-fn block(film: &mut Film) -> SceneBlock {
+fn block(film: &mut ScriptedFilm) -> SceneBlock {
     let (header, payload) = film.scene();
     SceneBlock::new(header, payload)
 }

@@ -10,7 +10,7 @@ use renderer::offscreen::Offscreen;
 use renderer::readback::Picture;
 use renderer::reference_scene::SceneBlock;
 use renderer::start::renderer_config;
-use replay::film::FIELDS_PER_S;
+use replay::film::scripted::FIELDS_PER_S;
 
 /// Change of a pixel within a field that is seen as a jump, levels.
 pub const JUMP: u8 = 10;

@@ -1,14 +1,11 @@
-//! Inputs made of recordings: blocks, cut recordings, journals, streams of scenes.
+//! Inputs made of recordings: blocks, cut recordings, journals.
 
 use super::repository;
 use bytemuck::Zeroable;
 use protocol::blobs::BlobField;
 use protocol::geometry::{Pose, Validity};
 use protocol::journal::{self, Entry};
-use protocol::message::Message;
 use protocol::poses::TrackerFrame;
-use protocol::scene::{SceneHeader, Section};
-use protocol::scene_stream;
 use recording::{Item, Recording, Writer};
 use std::path::PathBuf;
 
@@ -69,22 +66,6 @@ pub fn journals() -> Vec<Vec<u8>> {
     }
     let mut bytes = Vec::new();
     journal::write(&mut bytes, entries.iter()).expect("memory");
-    vec![bytes]
-}
-
-/// Two scenes with a text.
-pub fn scene_streams() -> Vec<Vec<u8>> {
-    let mut bytes = Vec::new();
-    scene_stream::begin(&mut bytes).expect("memory");
-    for step in 1..3u64 {
-        let mut header = SceneHeader::zeroed();
-        (header.step, header.world_from_eye) = (step, Pose::IDENTITY);
-        header.instruments.iter_mut().for_each(|i| i.world_from_instrument = Pose::IDENTITY);
-        header.instants.exposed = step;
-        header.text = Section { offset: 0, count: 5 };
-        header.validate().expect("a valid scene");
-        scene_stream::write(&mut bytes, &header, &resting_frame(step), b"hello___________").expect("memory");
-    }
     vec![bytes]
 }
 

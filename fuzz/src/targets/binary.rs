@@ -8,7 +8,6 @@ use fpga_model::input::Picture;
 use fpga_model::input::still;
 use fpga_model::input::y4m::Clip;
 use protocol::journal;
-use protocol::scene_stream;
 use recording::Recording;
 use renderer::tools::TOOLS;
 use results::Store;
@@ -27,7 +26,6 @@ pub fn targets() -> Vec<Target> {
     vec![
         target("recording", recording, corpus::recordings, 96 << 10),
         target("journal", journal, corpus::journals, 64 << 10),
-        target("scene-stream", scene_stream, corpus::scene_streams, 16 << 10),
         target("state", checkpoint, checkpoints, 512 << 10),
         target("mesh-glb", mesh, || corpus::shipped(&["assets/instruments"], "glb"), 32 << 10),
         target("fundus", fundus, corpus::photographs, 16 << 10),
@@ -65,14 +63,6 @@ fn journal(bytes: &[u8]) {
         history.note(entry);
     }
     black_box(history.waiting().is_some());
-}
-
-fn scene_stream(bytes: &[u8]) {
-    let Ok(mut reader) = scene_stream::Reader::new(bytes) else { return };
-    while let Ok(Some(scene)) = reader.next_scene() {
-        let text = protocol::scene::section::<u8>(scene.payload, scene.header.text);
-        black_box(text.map_or(0, |t| t.len()));
-    }
 }
 
 fn checkpoints() -> Vec<Vec<u8>> {

@@ -2,9 +2,9 @@
 //! (`docs/camera-hardware.md`), and waiting until it is configured and there.
 
 use super::options::RunArgs;
-use crate::inputs::check_file;
 use crate::runtime::StopSignal;
 use ipc::logging::warn;
+use settings::inputs::check_file;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::time::Duration;
@@ -23,7 +23,7 @@ const NOT_CONFIGURED: &str = "no real cameras are configured: [run] of vitreo.to
 /// What is missing for a person to work with real cameras, in words; `None` where nothing is.
 fn missing(cameras: Option<&Path>, rig: Option<&Path>) -> Option<String> {
     let (Some(program), Some(rig)) = (cameras, rig) else { return Some(NOT_CONFIGURED.into()) };
-    let checked = check_program(program).and_then(|()| check_file("--rig", rig));
+    let checked = check_program(program).and_then(|()| Ok(check_file("--rig", rig)?));
     checked.err().map(|problem| format!("{problem:#}"))
 }
 

@@ -3,16 +3,18 @@
 use super::arguments::{Arguments, injected_delay, percentile, positive, share};
 use super::cameras::check_program;
 use super::policy::MAX_RESTARTS;
-use crate::fundus::FundusArgs;
-use crate::inputs::{check_file, check_folder};
 use crate::modules::Composed;
-use crate::results::{Place, seconds_since_1970};
 use anyhow::Context;
+use ipc::logging::inform;
 use outputs::{Force, Outputs, STILLS, numbered, video_file};
 use protocol::budget::{Budgets, Stage};
 use protocol::file::{MAX_SETTINGS_BYTES, read_text};
 use protocol::health::Process;
+use results::Store;
+use results::keeping::{self, seconds_since_1970};
 use results::store::check_name;
+use settings::commands::{Arrangement, FundusArgs, StoreArgs};
+use settings::inputs::{check_file, check_folder};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
@@ -38,7 +40,7 @@ pub struct RunArgs {
     pub trainee: Option<String>,
     /// Where the store lies.
     #[command(flatten)]
-    pub store: Place,
+    pub store: StoreArgs,
     /// Who looks for collisions with the membrane: auto (the faster one, measured at start-up), cpu
     /// or gpu. It changes no result.
     #[arg(long, value_name = "WHO", value_parser = ["auto", "cpu", "gpu"])]
@@ -117,8 +119,8 @@ pub struct RunArgs {
     pub instruments: Option<PathBuf>,
     /// How the two channels share the picture: side-by-side, anaglyph, interleaved, sequential,
     /// left or right; of these, files take all but sequential.
-    #[arg(long, value_name = "HOW", value_parser = ARRANGEMENTS, conflicts_with = "no_picture")]
-    pub arrange: Option<String>,
+    #[arg(long, value_enum, value_name = "HOW", hide_possible_values = true, conflicts_with = "no_picture")]
+    pub arrange: Option<Arrangement>,
     /// Draw the dose of light over the retina; L shows and hides it.
     #[arg(long, conflicts_with = "no_picture")]
     pub show_dose: bool,
@@ -169,10 +171,6 @@ pub struct DeskArgs {
 
 /// The end screen of a scripted attempt stands for so long, s.
 const AFTER_S: f64 = 3.0;
-
-/// What the renderer calls its arrangements.
-pub const ARRANGEMENTS: [&str; 6] =
-    ["side-by-side", "anaglyph", "interleaved", "sequential", "left", "right"];
 
 /// What becomes of the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -233,8 +231,8 @@ impl RunArgs {
     pub fn with_recording_of_trainee(self) -> anyhow::Result<Self> {
         let Some(trainee) = &self.trainee else { return Ok(self) };
         check_name(trainee)?;
-        let path = self.store.path()?;
-        crate::results::open(&self.store, true)?;
+        let path = keeping::place(self.store.store.as_deref())?;
+        open_store(&self.store)?;
         // The name stays out of the file name: deleting a trainee deletes the name.
         let module = self.module.as_deref().and_then(|m| Path::new(m).file_name()).unwrap_or_default();
         let began = seconds_since_1970(SystemTime::now());
@@ -290,7 +288,7 @@ impl RunArgs {
                 args.0.push(if view == View::Window { "--window" } else { "--headless" }.into());
                 args.0.extend(self.fundus.arguments());
                 args.path("--instruments", self.instruments.as_deref());
-                args.value("--arrange", self.arrange.as_ref());
+                args.value("--arrange", self.arrange);
                 args.flag("--full-screen", self.full_screen);
                 args.flag("--show-dose", self.show_dose);
                 args.value("--lose-device-after", self.lose_device_after.filter(|_| restarts == 0));
@@ -392,6 +390,16 @@ impl RunArgs {
         self.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder, STILLS))?;
         Ok(outputs)
     }
+}
+
+/// Opens the results store, or makes one; says what that has changed.
+///
+/// # Errors
+/// Where it cannot be used.
+pub(super) fn open_store(place: &StoreArgs) -> anyhow::Result<Store> {
+    let (store, notices) = keeping::open(place.store.as_deref(), true)?;
+    notices.iter().for_each(|notice| inform(notice));
+    Ok(store)
 }
 
 #[cfg(test)]

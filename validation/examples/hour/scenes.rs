@@ -26,7 +26,7 @@ pub fn run(args: &Args) -> Vec<String> {
     }
     for name in module::names().filter(|name| args.wants(&format!("module {name}"))) {
         let module = Module::load(name).expect("a shipped module");
-        let skill = skill::by_name("average").expect("a shipped skill");
+        let skill = skill::named("average").expect("a shipped skill");
         let scene = surgeon::compose(&module, 1, &skill, args.seed).expect("a level");
         wanted.push((format!("module {name}"), scene));
     }

@@ -70,9 +70,7 @@ fn options() -> Result<Options> {
             "--level" => options.level = value()?.parse()?,
             "--module" => options.modules.push(value()?),
             "--surgeon" => {
-                let name = value()?;
-                let known = surgeon::skill::by_name(&name);
-                options.surgeons.push(known.with_context(|| format!("no surgeon is called {name}"))?);
+                options.surgeons.push(surgeon::skill::named(&value()?)?);
             }
             "--threads" => options.threads = value()?.parse()?,
             "--verbose" => options.verbose = true,

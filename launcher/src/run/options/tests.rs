@@ -135,7 +135,7 @@ fn faults_reach_the_cameras_and_nobody_else() {
     assert!(parse(&["--fault-log", "f"]).is_err(), "no faults, no log");
     for option in ["--rig", "--motion", "--budgets", "--fundus", "--instruments", "--faults"] {
         let missing = parse(&[option, "/nowhere/f.toml"]).unwrap().prepare().unwrap_err().to_string();
-        assert_eq!(missing, format!("{option} /nowhere/f.toml"));
+        assert!(missing.starts_with(&format!("{option} /nowhere/f.toml: No such file")), "{missing}");
     }
 }
 

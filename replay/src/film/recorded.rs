@@ -1,19 +1,16 @@
 //! A recording drawn again: what the simulation sent, one scene for each picture of a film.
 
+use super::SceneShown;
 use crate::blocks::Blocks;
 use crate::resimulate::{scene_of, steps};
 use crate::steps::{Resimulated, StepAgain};
 use anyhow::{Context, ensure};
 use protocol::limits::FIELD_PERIOD_NS;
-use protocol::poses::TrackerFrame;
-use protocol::scene::SceneHeader;
-use protocol::scene_stream;
 use protocol::time::Nanos;
 use recording::Recording;
+use settings::commands::SpanArgs;
 use simcore::world::World;
-use std::io::Write;
 use std::ops::ControlFlow;
-use std::path::Path;
 
 /// Time from one picture to the next, ns.
 pub const PICTURE_NS: Nanos = 40_000_000;
@@ -23,63 +20,47 @@ const NEAR_NS: Nanos = FIELD_PERIOD_NS / 2;
 /// film.
 const LONGEST_STAND_NS: Nanos = 3_600_000_000_000;
 
-/// The part of a recording that is drawn, counted from its first exposure.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Part {
-    /// Where it begins, s.
-    pub from_s: f64,
-    /// Where it ends, s; the recording's end without it.
-    pub until_s: Option<f64>,
-}
-
-/// Does every step of a recording again and writes the scene of every 40 ms of `part`. Where steps
-/// are missing the scene before them stands for them.
+/// Does every step of a recording again and gives the scene of every 40 ms of `part` to `show`, until
+/// that has enough. Where steps are missing the scene before them stands for them.
 ///
 /// # Errors
-/// Where the file is no recording or holds no step in that part, its scene cannot be simulated, or
-/// the stream cannot be written.
-pub fn write(file: &Path, part: Part, out: &mut impl Write) -> anyhow::Result<Resimulated> {
-    let recording = Recording::open(file)?;
-    let world = World::new(&scene_of(&recording)?).context("scene")?;
+/// Where the recording holds no step in that part, or its scene cannot be simulated; those of `show`.
+pub fn play(
+    recording: &Recording,
+    part: SpanArgs,
+    show: &mut impl FnMut(SceneShown) -> anyhow::Result<ControlFlow<()>>,
+) -> anyhow::Result<Resimulated> {
+    let world = World::new(&scene_of(recording)?).context("scene")?;
     let start = recording.exposures().next().unwrap_or(0);
     let at = |s: f64| start.saturating_add((s * 1e9) as Nanos);
     let mut pictures = Pictures {
         blocks: Blocks::new(&world),
-        next: at(part.from_s),
-        end: part.until_s.map_or(Nanos::MAX, at),
+        next: at(part.from),
+        end: part.until.map_or(Nanos::MAX, at),
         last_step: None,
         shown: None,
-        out,
+        show,
     };
-    scene_stream::begin(pictures.out)?;
-    let done = steps(&recording, world, |again| pictures.take(&again))?;
-    ensure!(pictures.shown.is_some(), "{}: holds no step to be drawn", file.display());
-    pictures.out.flush()?;
+    let done = steps(recording, world, |again| pictures.take(&again))?;
+    ensure!(pictures.shown.is_some(), "{}: holds no step to be drawn", recording.path().display());
     Ok(done)
 }
 
-/// A scene as it stands in the stream.
-struct Shown {
-    header: SceneHeader,
-    poses: Box<TrackerFrame>,
-    payload: Vec<u8>,
-}
-
 /// The pictures of a recording, one after the other.
-struct Pictures<'a, W> {
+struct Pictures<'a, F> {
     blocks: Blocks,
     /// Instant of the next picture.
     next: Nanos,
     /// Instant of the last one at the latest.
     end: Nanos,
     last_step: Option<u64>,
-    shown: Option<Shown>,
-    out: &'a mut W,
+    shown: Option<SceneShown>,
+    show: &'a mut F,
 }
 
-impl<W: Write> Pictures<'_, W> {
-    /// Writes the scene of a step if there is a picture to show it; before it those of pictures for
-    /// which there was no step.
+impl<F: FnMut(SceneShown) -> anyhow::Result<ControlFlow<()>>> Pictures<'_, F> {
+    /// Shows the scene of a step if there is a picture of it; before it those of pictures for which
+    /// there was no step.
     fn take(&mut self, again: &StepAgain<'_>) -> anyhow::Result<ControlFlow<()>> {
         let follows = self.last_step.is_none_or(|last| again.step.step == last + 1);
         self.last_step = Some(again.step.step);
@@ -98,7 +79,9 @@ impl<W: Write> Pictures<'_, W> {
             stands_ns / 1_000_000_000
         );
         while self.shown.is_some() && self.next.saturating_add(NEAR_NS) < exposed && self.next <= self.end {
-            self.put()?;
+            if self.put()?.is_break() {
+                return Ok(ControlFlow::Break(()));
+            }
         }
         if self.next > self.end {
             return Ok(ControlFlow::Break(()));
@@ -106,18 +89,17 @@ impl<W: Write> Pictures<'_, W> {
         if self.next <= exposed.saturating_add(NEAR_NS) {
             let (header, payload) = self.blocks.make(again.world, again.step.instants, again.step.state_hash);
             let (poses, payload) = (again.poses.clone(), payload.to_vec());
-            self.shown = Some(Shown { header, poses, payload });
-            self.put()?;
+            self.shown = Some(SceneShown { header, poses, payload });
+            return self.put();
         }
         Ok(ControlFlow::Continue(()))
     }
 
-    /// Writes what is shown as the next picture.
-    fn put(&mut self) -> anyhow::Result<()> {
-        let Some(Shown { header, poses, payload }) = &self.shown else { return Ok(()) };
-        scene_stream::write(self.out, header, poses, payload)?;
+    /// Gives what is shown as the next picture.
+    fn put(&mut self) -> anyhow::Result<ControlFlow<()>> {
+        let Some(shown) = &self.shown else { return Ok(ControlFlow::Continue(())) };
         self.next += PICTURE_NS;
-        Ok(())
+        (self.show)(shown.clone())
     }
 }
 
@@ -132,10 +114,11 @@ fn first_picture(next: Nanos, exposed: Nanos) -> Nanos {
 mod tests {
     use super::*;
     use protocol::geometry::Pose;
-    use protocol::poses::EYE;
+    use protocol::poses::{EYE, TrackerFrame};
+    use protocol::scene::SceneHeader;
     use protocol::steps::StepRecord;
     use recording::{Item, Writer};
-    use std::path::PathBuf;
+    use std::path::{Path, PathBuf};
 
     fn golden() -> PathBuf {
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data/golden/peel-2s.mcap")
@@ -155,20 +138,20 @@ mod tests {
     }
 
     /// Header and poses of every scene.
-    fn scenes(file: &Path, part: Part) -> (Resimulated, Vec<(SceneHeader, TrackerFrame)>) {
-        let mut bytes = Vec::new();
-        let done = write(file, part, &mut bytes).unwrap();
-        let (mut reader, mut scenes) = (scene_stream::Reader::new(&bytes[..]).unwrap(), Vec::new());
-        while let Some(scene) = reader.next_scene().unwrap() {
-            scenes.push((scene.header, *scene.poses));
-        }
+    fn scenes(file: &Path, part: SpanArgs) -> (Resimulated, Vec<(SceneHeader, TrackerFrame)>) {
+        let mut scenes = Vec::new();
+        let mut show = |shown: SceneShown| {
+            scenes.push((shown.header, *shown.poses));
+            Ok(ControlFlow::Continue(()))
+        };
+        let done = play(&Recording::open(file).unwrap(), part, &mut show).unwrap();
         (done, scenes)
     }
 
     #[test]
     fn what_is_drawn_is_what_was_recorded() {
         let (steps, frames) = (recorded(&golden()), poses(&golden()));
-        let (done, scenes) = scenes(&golden(), Part::default());
+        let (done, scenes) = scenes(&golden(), SpanArgs::default());
         assert_eq!((done.differs_at, done.has_gaps(), done.steps), (None, false, steps.len() as u64));
         let span_ns = steps.last().unwrap().instants.exposed - frames[0].instants.exposed;
         assert!((scenes.len() as u64).abs_diff(span_ns / PICTURE_NS + 1) <= 1, "{} pictures", scenes.len());
@@ -187,8 +170,8 @@ mod tests {
 
     #[test]
     fn a_part_begins_and_ends_where_it_was_asked_to() {
-        let all = scenes(&golden(), Part::default()).1;
-        let (done, part) = scenes(&golden(), Part { from_s: 0.4, until_s: Some(0.8) });
+        let all = scenes(&golden(), SpanArgs::default()).1;
+        let (done, part) = scenes(&golden(), SpanArgs { from: 0.4, until: Some(0.8) });
         let steps = |scenes: &[(SceneHeader, TrackerFrame)]| -> Vec<(u64, u64)> {
             scenes.iter().map(|(header, _)| (header.step, header.state_hash)).collect()
         };
@@ -215,8 +198,8 @@ mod tests {
             writer.write(at, &item).unwrap();
         }
         writer.finish().unwrap();
-        let usual = scenes(&golden(), Part::default()).1.len();
-        let (_, scenes) = scenes(&file, Part::default());
+        let usual = scenes(&golden(), SpanArgs::default()).1.len();
+        let (_, scenes) = scenes(&file, SpanArgs::default());
         let steps: Vec<u64> = scenes.iter().map(|(header, _)| header.step).collect();
         let stands = steps.iter().filter(|s| **s == steps[9]).count();
         assert!(steps.is_sorted() && (11..15).contains(&stands), "{steps:?}");
@@ -245,7 +228,9 @@ mod tests {
         let file = folder.path().join("empty.mcap");
         let writer = Writer::create(&file, Recording::open(&golden()).unwrap().provenance()).unwrap();
         writer.finish().unwrap();
-        let told = write(&file, Part::default(), &mut Vec::new()).unwrap_err().to_string();
+        let mut show = |_| unreachable!("there is nothing to show");
+        let told = play(&Recording::open(&file).unwrap(), SpanArgs::default(), &mut show);
+        let told = told.unwrap_err().to_string();
         assert!(told.contains("empty.mcap") && told.contains("no step"), "{told}");
     }
 }

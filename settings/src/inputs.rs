@@ -1,19 +1,33 @@
 //! Looking at files before anything is begun with them: a message names the option and the file.
 
-use anyhow::{Context, ensure};
+use std::fmt::Display;
 use std::fs::{File, metadata};
 use std::path::Path;
+
+/// A file that an option names cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("{option} {path}: {problem}")]
+pub struct InputError {
+    /// The option.
+    option: String,
+    /// The file.
+    path: String,
+    /// Why not.
+    problem: String,
+}
 
 /// Refuses a file that cannot be read. A pipe is left alone: what is read of it is gone.
 ///
 /// # Errors
 /// Where it is absent, a folder, or not for this user.
-pub fn check_file(option: &str, path: &Path) -> anyhow::Result<()> {
-    let named = || format!("{option} {}", path.display());
-    let about = metadata(path).with_context(named)?;
-    ensure!(!about.is_dir(), "{}: expected a file, found a folder", named());
+pub fn check_file(option: &str, path: &Path) -> Result<(), InputError> {
+    let refuse = |problem: &dyn Display| refusal(option, path, problem);
+    let about = metadata(path).map_err(|problem| refuse(&problem))?;
+    if about.is_dir() {
+        return Err(refuse(&"expected a file, found a folder"));
+    }
     if about.is_file() {
-        File::open(path).with_context(named)?;
+        File::open(path).map_err(|problem| refuse(&problem))?;
     }
     Ok(())
 }
@@ -22,11 +36,14 @@ pub fn check_file(option: &str, path: &Path) -> anyhow::Result<()> {
 ///
 /// # Errors
 /// Where there is no such folder.
-pub fn check_folder(option: &str, path: &Path) -> anyhow::Result<()> {
-    let named = || format!("{option} {}", path.display());
-    let about = metadata(path).with_context(named)?;
-    ensure!(about.is_dir(), "{}: expected a folder, found a file", named());
-    Ok(())
+pub fn check_folder(option: &str, path: &Path) -> Result<(), InputError> {
+    let about = metadata(path).map_err(|problem| refusal(option, path, &problem))?;
+    let refused = || refusal(option, path, &"expected a folder, found a file");
+    if about.is_dir() { Ok(()) } else { Err(refused()) }
+}
+
+fn refusal(option: &str, path: &Path, problem: &dyn Display) -> InputError {
+    InputError { option: option.into(), path: path.display().to_string(), problem: problem.to_string() }
 }
 
 #[cfg(test)]
@@ -37,7 +54,7 @@ mod tests {
     fn option_and_file_are_named() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("rig.json");
-        let told = |checked: anyhow::Result<()>| format!("{:#}", checked.unwrap_err());
+        let told = |checked: Result<(), InputError>| checked.unwrap_err().to_string();
         let missing = told(check_file("--rig", &file));
         assert!(missing.contains("--rig") && missing.contains("rig.json: No such file"), "{missing}");
         std::fs::write(&file, "").unwrap();

@@ -1,16 +1,18 @@
 //! Batches of recordings that are whole, torn, or named more than once.
 
 use super::*;
+use outputs::Force;
 use recording::{Provenance, Writer};
+use settings::commands::BatchArgs;
 use surgeon::skill::EXPERT;
 
 /// A recording of an attempt that was broken off before anything happened.
-pub(crate) fn broken_off(file: &Path) {
+fn broken_off(file: &Path) {
     let scene = surgeon::compose(&surgeon::load("navigation").unwrap(), 1, &EXPERT, 1).unwrap();
     let mut provenance = Provenance { scene_toml: scene.to_toml(), ..Provenance::default() };
     provenance.rig_json = protocol::rig::Rig::load_or_shipped(None).unwrap().to_json();
     provenance.seeds.insert("cameras".into(), "42".into());
-    provenance.config.insert(crate::results::BEGAN.into(), "1032942600".into());
+    provenance.config.insert(results::keeping::BEGAN.into(), "1032942600".into());
     Writer::create(file, &provenance).unwrap().finish().unwrap();
 }
 
@@ -44,7 +46,7 @@ fn a_batch_scores_what_it_can_and_writes_its_shards() {
         let batch = BatchArgs {
             force: Force { force: true },
             manifest: Some(at("list.txt")),
-            shard: Some(Shard { index, count: 2 }),
+            shard: Some([index, 2]),
             out: Some(at("out")),
             csv: Some(at(&format!("{index}.csv"))),
             jobs: Some(2),
@@ -73,7 +75,7 @@ fn what_cannot_be_scored_is_a_row_with_its_reason() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.mcap");
     std::fs::write(&file, "torn").unwrap();
-    let told = |(row, scored): &(Row, Option<score::Attempt>)| -> serde_json::Value {
+    let told = |(row, scored): &(Row, Option<ScoredRecording>)| -> serde_json::Value {
         serde_json::from_str(&json(row, scored).unwrap()).unwrap()
     };
     let store = Store::new();
@@ -127,7 +129,7 @@ fn append(file: &Path, byte: u8) {
 fn shards_are_resumed_and_gathered_and_what_is_lost_is_told() {
     let folder = tempfile::tempdir().unwrap();
     let batch = batch(folder.path());
-    let shard = |index| BatchArgs { shard: Some(Shard { index, count: 3 }), ..batch.clone() };
+    let shard = |index| BatchArgs { shard: Some([index, 3]), ..batch.clone() };
     let table = |index| folder.path().join("out").join(Shard { index, count: 3 }.file_name());
     let gather = |csv: &str| BatchArgs {
         gather: batch.out.clone(),
@@ -163,12 +165,12 @@ fn shards_are_resumed_and_gathered_and_what_is_lost_is_told() {
 fn shards_of_another_list_are_neither_resumed_nor_gathered() {
     let folder = tempfile::tempdir().unwrap();
     let batch = batch(folder.path());
-    let other = BatchArgs { shard: Some(Shard { index: 1, count: 2 }), ..batch.clone() };
+    let other = BatchArgs { shard: Some([1, 2]), ..batch.clone() };
     ends(&other);
     std::fs::write(folder.path().join("list.txt"), "0.mcap\n1.mcap\n").unwrap();
     let refused = ends(&other);
     assert!(refused.contains("of another list (7 recordings, not 2)"), "{refused}");
-    ends(&BatchArgs { shard: Some(Shard { index: 0, count: 2 }), ..batch.clone() });
+    ends(&BatchArgs { shard: Some([0, 2]), ..batch.clone() });
     assert!(ends(&BatchArgs { gather: batch.out.clone(), ..BatchArgs::default() }).contains("not the whole"));
     let whole = BatchArgs { out: Some(folder.path().join("new")), ..batch.clone() };
     assert_eq!(ends(&whole), code(0));
@@ -187,6 +189,6 @@ fn an_address_is_refused_where_a_path_must_be() {
         BatchArgs { out: Some("gs://b/scores".into()), ..BatchArgs::default() },
     ] {
         let refused = run(&asked(batch)).unwrap_err();
-        assert_eq!(crate::exit::code_of(&refused), crate::exit::WRONG_USE, "{refused:#}");
+        assert_eq!(crate::exit::code_of(&refused), outputs::exit::WRONG_USE, "{refused:#}");
     }
 }

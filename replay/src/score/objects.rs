@@ -30,7 +30,7 @@ pub enum ObjectError {
     /// This build has no object store.
     #[error(
         "{0}: this vitreo was built without object stores; \
-         cargo build --release -p launcher --features object-store builds one that has them"
+         cargo build --release -p replay --features object-store builds one that has them"
     )]
     NotBuilt(String),
     /// Not an address of an object.

@@ -2,6 +2,7 @@
 
 use super::*;
 use clap::Parser;
+use results::Attempt;
 
 #[derive(Parser)]
 struct Line {
@@ -12,52 +13,6 @@ struct Line {
 fn parse(words: &[&str]) -> Result<ResultsArgs, String> {
     let line = Line::try_parse_from(std::iter::once(&"results").chain(words));
     line.map(|l| l.results).map_err(|e| e.to_string())
-}
-
-#[test]
-fn a_plot_goes_to_the_terminal_or_into_a_file() {
-    let plot = |words: &[&str]| parse(words).unwrap().plot;
-    assert_eq!(plot(&[]), None);
-    assert_eq!(plot(&["--plot"]), Some(TERMINAL.into()));
-    assert_eq!(plot(&["--plot", "a.png", "--module", "shadow"]), Some("a.png".into()));
-}
-
-#[test]
-fn a_recording_becomes_an_attempt_and_one_not_begun_is_not_kept() {
-    let folder = tempfile::tempdir().unwrap();
-    let (file, store) = (folder.path().join("a.mcap"), folder.path().join("r.sqlite"));
-    crate::score_batch::tests::broken_off(&file);
-    let mut store = Store::open_or_create(&store).unwrap();
-    let problem = keep(&mut store, "t7", &file).unwrap_err().to_string();
-    assert!(problem.contains("a.mcap") && problem.contains("not begun"), "{problem}");
-    let attempt = attempt_of(&Recording::open(&file).unwrap(), &score::score_file(&file).unwrap());
-    assert_eq!((attempt.at_s, attempt.seed, attempt.surgeon.as_deref()), (1_032_942_600, Some(42), None));
-    assert_eq!(attempt.categories.iter().map(|c| c.of).sum::<f64>(), 100.0);
-    store.add("t7", &attempt).unwrap();
-    let kept = store.attempts(&Filter::default()).unwrap();
-    assert_eq!(kept[0].attempt, attempt);
-    let table = Table::of_store(&kept, keys());
-    let mut fresh = keys();
-    fresh.widen(&attempt);
-    assert_eq!(fresh, keys(), "the table has a column for everything that this build scores");
-    assert!(table.columns.iter().any(|c| c.name == "value_speed_near_retina"));
-}
-
-#[test]
-fn a_recording_is_one_trainees_attempt() {
-    let attempt = Attempt { score_version: 5, ..Attempt::default() };
-    let check = |holders: &[(String, i64, u32)]| check_holders(holders, "t7", &attempt, Path::new("a.mcap"));
-    let other = check(&[("t8".into(), 4, 5)]).unwrap_err().to_string();
-    assert!(other.contains("a.mcap: this recording is attempt 4 of t8"), "{other}");
-    assert!(check(&[("t7".into(), 3, 4), ("t8".into(), 4, 4)]).is_err());
-    check(&[("t7".into(), 3, 4)]).unwrap();
-    check(&[]).unwrap();
-    let folder = tempfile::tempdir().unwrap();
-    let mut store = Store::open_or_create(&folder.path().join("r.sqlite")).unwrap();
-    let with = |sha: &str| Attempt { recording_sha256: Some(sha.into()), ..attempt.clone() };
-    let id = store.add("t8", &with("11")).unwrap().unwrap();
-    assert_eq!(store.holders("11").unwrap(), [("t8".into(), id, 5)]);
-    assert_eq!(store.holders("22").unwrap(), []);
 }
 
 #[test]
@@ -82,13 +37,7 @@ fn a_damaged_attempt_is_left_out_and_the_exit_code_says_so() {
     // The first place is the row, the next one the index.
     bytes[at] ^= 1;
     std::fs::write(&path, bytes).unwrap();
-    assert_eq!(show(), (ExitCode::from(crate::exit::LOSS), 3));
-}
-
-#[test]
-fn deleting_needs_a_name() {
-    assert!(parse(&["delete"]).is_err() && parse(&["delete", "t7", "--store", "s"]).is_ok());
-    assert!(parse(&["--module", "shadow", "delete", "t7"]).is_err(), "filters do not choose what is deleted");
+    assert_eq!(show(), (ExitCode::from(LOSS), 3));
 }
 
 #[test]

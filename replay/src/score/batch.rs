@@ -1,22 +1,25 @@
 //! `vitreo score` over many recordings: in parallel, in shards, into tables.
 
-use crate::exit::{DIFFERS, LOSS};
-use crate::objects::{Address, Local, ObjectError, Store};
-use crate::results::{attempt_of, keys, write_tables};
-use crate::runtime::{StopSignal, block_on};
-use crate::score::{self, ScoreArgs, score_local};
-use crate::score_shards::{Place, Written, gather, only_path};
+use super::objects::{Address, Local, ObjectError, Store};
+use super::score_local;
+use super::shards::{Place, Written, gather, only_path};
+use crate::results::write_tables;
+use crate::stop::StopSignal;
 use anyhow::{Context, bail, ensure};
 use ipc::logging::{inform, warn};
+use outputs::exit::{DIFFERS, LOSS};
 use outputs::progress::files_bar;
-use outputs::{Force, Outputs, println};
+use outputs::{Outputs, println};
 use protocol::file::{MAX_TABLE_BYTES, read_text};
 use recording::{Recording, states_incomparable};
 use results::attempt::sha256_of;
 use results::batch::{Row, Shard, work};
+use results::keeping::{attempt_of, keys};
 use results::listing::{self, List, is_address};
+use results::scored::ScoredRecording;
 use results::shards::Origin;
 use results::table::{Cells, Table};
+use settings::commands::ScoreArgs;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -24,48 +27,14 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-/// Arguments of a batch.
-#[derive(Debug, Clone, Default, clap::Args)]
-pub struct BatchArgs {
-    /// Score the recordings that a file lists, one path or address a line, from the file's folder on.
-    #[arg(long, value_name = "FILE")]
-    pub manifest: Option<PathBuf>,
-    /// Score only this machine's share: part I of N, counted from 0.
-    #[arg(long, value_name = "I/N", conflicts_with = "gather")]
-    pub shard: Option<Shard>,
-    /// Write the scores as Parquet into this folder or below this address, one table for each shard.
-    #[arg(long, value_name = "DIR", conflicts_with = "gather")]
-    pub out: Option<PathBuf>,
-    /// Leave a shard alone whose table is there and whole; do one again whose table is truncated.
-    #[arg(long, requires = "out")]
-    pub resume: bool,
-    /// Put the shards' tables in this folder or below this address together, instead of scoring;
-    /// each that is missing or damaged is named, and nothing is written.
-    #[arg(long, value_name = "DIR", conflicts_with = "resimulate")]
-    pub gather: Option<PathBuf>,
-    /// Write the scores as comma-separated values; - is standard output.
-    #[arg(long, value_name = "FILE.csv")]
-    pub csv: Option<PathBuf>,
-    /// Write the scores as one Parquet file.
-    #[arg(long, value_name = "FILE.parquet")]
-    pub parquet: Option<PathBuf>,
-    /// Recordings scored at the same time [default: as many as there are processors].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
-    pub jobs: Option<u32>,
-    /// Whether tables that exist are written over.
-    #[command(flatten)]
-    pub force: Force,
-}
-
-impl BatchArgs {
-    /// Whether it is a batch: several recordings or a folder are named, or something is asked for
-    /// that only batches have.
-    pub fn wanted(&self, named: &[PathBuf]) -> bool {
-        let places = [&self.manifest, &self.out, &self.gather, &self.csv, &self.parquet];
-        let asked = self.shard.is_some() || places.iter().any(|place| place.is_some());
-        let many = |path: &PathBuf| path.is_dir() || Address::parse(path).is_ok_and(|a| !a.is_recording());
-        asked || named.iter().any(many)
-    }
+/// Whether it is a batch: several recordings or a folder are named, or something is asked for that
+/// only batches have.
+pub fn is_wanted(args: &ScoreArgs) -> bool {
+    let batch = &args.batch;
+    let places = [&batch.manifest, &batch.out, &batch.gather, &batch.csv, &batch.parquet];
+    let asked = batch.shard.is_some() || places.iter().any(|place| place.is_some());
+    let many = |path: &PathBuf| path.is_dir() || Address::parse(path).is_ok_and(|a| !a.is_recording());
+    asked || args.files.iter().any(many)
 }
 
 /// Scores them. Exit code 3 where a recording could not be scored whole, 5 where a score differs
@@ -80,7 +49,7 @@ pub fn run(args: &ScoreArgs) -> anyhow::Result<ExitCode> {
     let store = Store::new();
     match &args.batch.gather {
         Some(place) => put_together(args, &Place::of(place, &store)?, &store),
-        None => block_on(async { score_all(args, &store, &StopSignal::install()?.flag()) }),
+        None => score_all(args, &store, StopSignal::install().context("signals")?.flag()),
     }
 }
 
@@ -144,7 +113,7 @@ fn digest_of(recordings: &[PathBuf]) -> String {
 
 fn score_all(asked: &ScoreArgs, store: &Store, stop: &AtomicBool) -> anyhow::Result<ExitCode> {
     let args = &asked.batch;
-    let shard = args.shard.unwrap_or(Shard::WHOLE);
+    let shard = args.shard.and_then(|[index, count]| Shard::new(index, count)).unwrap_or(Shard::WHOLE);
     let list = listed(asked, store)?;
     let all = list.recordings();
     let own = shard.of(&all);
@@ -179,7 +148,7 @@ fn score_all(asked: &ScoreArgs, store: &Store, stop: &AtomicBool) -> anyhow::Res
 }
 
 /// Prints the rows, where they go nowhere else.
-fn show(asked: &ScoreArgs, rows: &[Row], scored: &[Option<score::Attempt>]) -> anyhow::Result<()> {
+fn show(asked: &ScoreArgs, rows: &[Row], scored: &[Option<ScoredRecording>]) -> anyhow::Result<()> {
     let args = &asked.batch;
     if asked.json {
         for (row, scored) in rows.iter().zip(scored) {
@@ -253,7 +222,7 @@ fn tell_repeated(list: &List, own: &[PathBuf]) -> u64 {
     })
 }
 
-type Scored = (Row, Option<score::Attempt>);
+type Scored = (Row, Option<ScoredRecording>);
 
 /// Scores a shard's recordings, all or none.
 fn score_each(
@@ -261,7 +230,7 @@ fn score_each(
     store: &Store,
     own: &[PathBuf],
     stop: &AtomicBool,
-) -> anyhow::Result<(Vec<Row>, Vec<Option<score::Attempt>>)> {
+) -> anyhow::Result<(Vec<Row>, Vec<Option<ScoredRecording>>)> {
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = asked.batch.jobs.map_or(processors, |n| n as usize);
     let bar = files_bar(own.len() as u64, "score");
@@ -334,7 +303,7 @@ fn unscored(path: &Path, sha256: Option<String>, told: &str) -> Row {
 }
 
 /// A line for programs: that of a single recording, or what is wrong with one that has no score.
-fn json(row: &Row, scored: &Option<score::Attempt>) -> serde_json::Result<String> {
+fn json(row: &Row, scored: &Option<ScoredRecording>) -> serde_json::Result<String> {
     match scored {
         Some(attempt) => serde_json::to_string(attempt),
         // A name may be no UTF-8, which JSON has no way to write.
@@ -345,7 +314,7 @@ fn json(row: &Row, scored: &Option<score::Attempt>) -> serde_json::Result<String
     }
 }
 
-fn row(path: &Path, sha256: Option<String>, attempt: results::Attempt, scored: &score::Attempt) -> Row {
+fn row(path: &Path, sha256: Option<String>, attempt: results::Attempt, scored: &ScoredRecording) -> Row {
     Row {
         file: path.into(),
         problem: problem(scored),
@@ -357,7 +326,7 @@ fn row(path: &Path, sha256: Option<String>, attempt: results::Attempt, scored: &
     }
 }
 
-fn problem(scored: &score::Attempt) -> Option<String> {
+fn problem(scored: &ScoredRecording) -> Option<String> {
     let unmatched = (scored.unmatched > 0).then(|| format!("{} steps have no poses", scored.unmatched));
     let incomparable = scored.other_state_hash_version.map(states_incomparable);
     scored.damage.clone().or(unmatched).or(incomparable)
@@ -419,4 +388,4 @@ fn summary(table: &Table, repeated: u64, wall_s: Option<f64>) -> u8 {
 }
 
 #[cfg(test)]
-pub(crate) mod tests;
+mod tests;

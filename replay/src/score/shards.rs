@@ -1,10 +1,10 @@
 //! Where the tables of a batch's shards lie, a folder or an object store, and putting them together
 //! (`vitreo score --gather`).
 
-use crate::exit::WrongUse;
-use crate::objects::{Address, ObjectError, Store};
+use super::objects::{Address, ObjectError, Store};
 use anyhow::{Context, bail};
 use ipc::logging::warn;
+use outputs::exit::WrongUse;
 use outputs::{OutputError, Outputs, save};
 use results::batch::Shard;
 use results::listing::is_address;

@@ -1,0 +1,60 @@
+//! Exit codes of this program's errors.
+
+use crate::score::objects::ObjectError;
+use outputs::exit::{FAILED, WRONG_USE, WrongUse};
+use results::keeping::is_bad_name;
+use scene::SceneError;
+use scene::module::ModuleError;
+use std::error::Error;
+use surgeon::skill::UnknownSkill;
+
+/// The exit code of a command that ends with an error.
+pub fn code_of(error: &anyhow::Error) -> u8 {
+    if error.chain().find_map(is_wrong_use) == Some(true) { WRONG_USE } else { FAILED }
+}
+
+/// Whether a cause is wrong use; `None` where that depends on its own cause.
+fn is_wrong_use(cause: &(dyn Error + 'static)) -> Option<bool> {
+    if let Some(module) = cause.downcast_ref() {
+        return Some(ModuleError::is_wrong_use(module));
+    }
+    if let Some(scene) = cause.downcast_ref() {
+        return Some(SceneError::is_wrong_use(scene));
+    }
+    if let Some(store) = cause.downcast_ref() {
+        return Some(is_bad_name(store));
+    }
+    if let Some(object) = cause.downcast_ref() {
+        return Some(ObjectError::is_wrong_use(object));
+    }
+    (cause.is::<WrongUse>() || cause.is::<UnknownSkill>()).then_some(true)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::anyhow;
+    use results::StoreError;
+
+    #[test]
+    fn what_does_not_exist_is_wrong_use_and_what_is_defective_is_a_failure() {
+        let missing = || SceneError::Missing { name: "x".into(), shipped: "peel".into() };
+        let wrong: [anyhow::Error; 7] = [
+            results::store::check_name("a b").unwrap_err().into(),
+            WrongUse("--until".into()).into(),
+            surgeon::skill::named("genius").unwrap_err().into(),
+            ObjectError::NotBuilt("s3://b/a.mcap".into()).into(),
+            anyhow::Error::from(missing()).context("the scene"),
+            ModuleError::Missing { name: "x".into(), shipped: "peeling".into() }.into(),
+            ModuleError::Level { name: "peeling".into(), levels: 2, found: 9 }.into(),
+        ];
+        wrong.iter().for_each(|error| assert_eq!(code_of(error), WRONG_USE, "{error:#}"));
+        let failed: [anyhow::Error; 4] = [
+            anyhow!("no"),
+            ObjectError::Absent("s3://b/a.mcap".into()).into(),
+            ModuleError::Scene { name: "own".into(), source: missing() }.into(),
+            StoreError::Value { field: "module", found: String::new(), expected: "a name".into() }.into(),
+        ];
+        failed.iter().for_each(|error| assert_eq!(code_of(error), FAILED, "{error:#}"));
+    }
+}

@@ -1,0 +1,118 @@
+//! The command line of `vitreo results`.
+
+use outputs::Force;
+use std::path::PathBuf;
+
+/// Value of `--plot` without a file.
+pub const TERMINAL: &str = "terminal";
+
+/// Arguments of `vitreo results`.
+#[derive(Debug, clap::Args)]
+#[command(args_conflicts_with_subcommands = true)]
+pub struct ResultsArgs {
+    /// What else than showing them.
+    #[command(subcommand)]
+    pub what: Option<ResultsCommand>,
+    /// Where the store lies.
+    #[command(flatten)]
+    pub place: StoreArgs,
+    /// Only this trainee's attempts.
+    #[arg(long, value_name = "NAME")]
+    pub trainee: Option<String>,
+    /// Only attempts at this module.
+    #[arg(long, value_name = "NAME")]
+    pub module: Option<String>,
+    /// Only attempts at this level.
+    #[arg(long, value_name = "N")]
+    pub level: Option<u32>,
+    /// Draw the learning curve, here or into a picture.
+    #[arg(long, value_name = "FILE.png", num_args = 0..=1, default_missing_value = TERMINAL)]
+    pub plot: Option<PathBuf>,
+    /// Write every figure as comma-separated values; - is standard output.
+    #[arg(long, value_name = "FILE.csv")]
+    pub csv: Option<PathBuf>,
+    /// Write every figure as Parquet.
+    #[arg(long, value_name = "FILE.parquet")]
+    pub parquet: Option<PathBuf>,
+    /// Whether files that exist are written over.
+    #[command(flatten)]
+    pub force: Force,
+}
+
+/// Where the results store lies.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct StoreArgs {
+    /// The results store [default: vitreo/results.sqlite in $XDG_DATA_HOME or ~/.local/share].
+    #[arg(long, value_name = "FILE")]
+    pub store: Option<PathBuf>,
+}
+
+/// The sub-commands.
+#[derive(Debug, clap::Subcommand)]
+pub enum ResultsCommand {
+    /// Add the attempts in recordings.
+    Add {
+        /// Where the store lies.
+        #[command(flatten)]
+        place: StoreArgs,
+        /// Pseudonym of who made them.
+        trainee: String,
+        /// The recordings.
+        #[arg(value_name = "FILE.mcap", required = true)]
+        files: Vec<PathBuf>,
+    },
+    /// Delete one attempt of a trainee, or a trainee with every attempt.
+    Delete {
+        /// Where the store lies.
+        #[command(flatten)]
+        place: StoreArgs,
+        /// The pseudonym.
+        trainee: String,
+        /// Delete only this attempt, by its number in `vitreo results`.
+        #[arg(long, value_name = "N")]
+        attempt: Option<i64>,
+        /// Delete the recordings too.
+        #[arg(long)]
+        recordings: bool,
+    },
+    /// List the trainees.
+    Trainees {
+        /// Where the store lies.
+        #[command(flatten)]
+        place: StoreArgs,
+    },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        results: ResultsArgs,
+    }
+
+    fn parse(words: &[&str]) -> Result<ResultsArgs, String> {
+        let line = Line::try_parse_from(std::iter::once(&"results").chain(words));
+        line.map(|l| l.results).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn a_plot_goes_to_the_terminal_or_into_a_file() {
+        let plot = |words: &[&str]| parse(words).unwrap().plot;
+        assert_eq!(plot(&[]), None);
+        assert_eq!(plot(&["--plot"]), Some(TERMINAL.into()));
+        assert_eq!(plot(&["--plot", "a.png", "--module", "shadow"]), Some("a.png".into()));
+    }
+
+    #[test]
+    fn deleting_needs_a_name() {
+        assert!(parse(&["delete"]).is_err() && parse(&["delete", "t7", "--store", "s"]).is_ok());
+        assert!(
+            parse(&["--module", "shadow", "delete", "t7"]).is_err(),
+            "filters do not choose what is deleted"
+        );
+    }
+}
