@@ -1,30 +1,12 @@
 //! The command line: one sub-command a module.
 
 use crate::forward::{self, ForwardArgs};
-use clap::{Parser, Subcommand};
+use crate::programs::{CALIBRATION, CAMERA, RENDERER, REPLAY};
+use clap::{CommandFactory, Parser, Subcommand};
 use ipc::logging::LogArgs;
+use settings::SettingsArgs;
 use settings::commands::RecordingCommand;
-use settings::{Program, SettingsArgs};
 use std::process::ExitCode;
-
-/// The binary of the camera hardware.
-const CAMERA: &str = "vitreo-fpga-model";
-/// The binary of the picture.
-const RENDERER: &str = "vitreo-renderer";
-/// The binary of recordings that are run again.
-pub const REPLAY: &str = "vitreo-replay";
-/// The binary of the calibrations.
-pub const CALIBRATION: &str = "vitreo-calibration";
-
-/// What vitreo.toml says to this program. Tables of commands that belong to other programs are read
-/// there; commands that help to mend a file do without.
-pub const SETTINGS: Program = Program {
-    prefix: "",
-    without: &["config", "completions", "man"],
-    elsewhere: Some(&["blobs", "colours", "hardware", "vectors", "calibrate", "bench"]),
-};
-/// The programs of [`SETTINGS`]' tables elsewhere.
-pub const WITH_SETTINGS: [&str; 3] = [CAMERA, CALIBRATION, RENDERER];
 
 /// A real-time simulator for training surgery inside the eye.
 #[derive(Debug, Parser)]
@@ -98,8 +80,8 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Bench(args) => forward::to(RENDERER, "vitreo", Some("bench"), &cli.settings, args),
         Command::Budgets(args) => crate::budgets::run(args),
         Command::Doctor(args) => crate::doctor::run(args),
-        Command::Config(args) => crate::config::run(args),
-        Command::Completions(args) => crate::manual::completions(args),
-        Command::Man(args) => crate::manual::man(args),
+        Command::Config(args) => crate::config::run(args, Cli::command()),
+        Command::Completions(args) => crate::manual::completions(args, Cli::command()),
+        Command::Man(args) => crate::manual::man(args, Cli::command()),
     }
 }

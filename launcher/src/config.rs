@@ -4,9 +4,9 @@
 //! asked what these take.
 
 use crate::children::command;
-use crate::cli::{Cli, SETTINGS, WITH_SETTINGS};
+use crate::programs::{SETTINGS, WITH_SETTINGS};
 use anyhow::Context;
-use clap::CommandFactory;
+use clap::Command;
 use ipc::logging::inform;
 use outputs::{Force, Outputs, print, println};
 use protocol::message::printable;
@@ -75,30 +75,30 @@ enum Origin {
     Environment,
 }
 
-/// Runs it.
+/// Runs it; `line` is this program's command line.
 ///
 /// # Errors
 /// Where a file is refused, another program does not answer, or the new file cannot be written.
-pub fn run(args: &ConfigArgs) -> anyhow::Result<ExitCode> {
+pub fn run(args: &ConfigArgs, line: Command) -> anyhow::Result<ExitCode> {
     let files = Files::of_this_machine();
     match &args.what {
         Some(What::Path) => files.paths.iter().for_each(|path| println!("{}", path.display())),
         Some(What::Init { file, force }) => {
             let own = file.clone().or_else(|| files.of_user().map(Into::into));
             let path = own.context("neither FILE nor HOME says where the file goes")?;
-            Outputs::new(force.force).write(&path, template(&every_option()?))?;
+            Outputs::new(force.force).write(&path, template(&every_option(line)?))?;
             if path.as_os_str() != outputs::STDOUT {
                 inform(&format!("{}: take the # off a line to set it", path.display()));
             }
         }
-        None => show(args.json, &files)?,
+        None => show(args.json, line, &files)?,
     }
     Ok(ExitCode::SUCCESS)
 }
 
 /// The options of this program and of those that have commands of their own.
-fn every_option() -> anyhow::Result<Vec<SettableOption>> {
-    let mut all = options(Cli::command(), &SETTINGS);
+fn every_option(line: Command) -> anyhow::Result<Vec<SettableOption>> {
+    let mut all = options(line, &SETTINGS);
     for binary in WITH_SETTINGS {
         let answer = command(binary)?.arg(ASK).output().with_context(|| format!("start {binary}"))?;
         let text = String::from_utf8_lossy(&answer.stdout);
@@ -109,11 +109,10 @@ fn every_option() -> anyhow::Result<Vec<SettableOption>> {
     Ok(all)
 }
 
-fn show(json: bool, files: &Files) -> anyhow::Result<()> {
-    let (options, entries) = (every_option()?, files.entries()?);
-    let mut built = Cli::command();
-    built.build();
-    check(&built, &SETTINGS, &entries)?;
+fn show(json: bool, mut line: Command, files: &Files) -> anyhow::Result<()> {
+    let (options, entries) = (every_option(line.clone())?, files.entries()?);
+    line.build();
+    check(&line, &SETTINGS, &entries)?;
     check_elsewhere(&options, &entries)?;
     let variable = std::env::var(LOG_VARIABLE).ok().filter(|_| files.log_variable);
     let settings = values(&options, &winners(entries), variable.as_deref());

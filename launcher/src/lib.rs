@@ -15,5 +15,6 @@ pub mod manual;
 pub mod memory_file;
 pub mod modules;
 pub mod play;
+pub mod programs;
 pub mod run;
 pub mod runtime;

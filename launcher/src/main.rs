@@ -1,6 +1,7 @@
 //! `vitreo`: the one command a person types.
 
-use launcher::cli::{Cli, SETTINGS};
+use launcher::cli::Cli;
+use launcher::programs::SETTINGS;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {

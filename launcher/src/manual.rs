@@ -1,9 +1,8 @@
 //! `vitreo completions` and `vitreo man`: what shells and `man` know of this command, made from the
 //! command line's own description, so that it cannot say anything else.
 
-use crate::cli::Cli;
 use anyhow::Context;
-use clap::CommandFactory;
+use clap::Command;
 use clap_complete::Shell;
 use clap_mangen::Man;
 use ipc::logging::inform;
@@ -32,18 +31,18 @@ pub struct ManArgs {
     pub force: Force,
 }
 
-/// Prints the completions of a shell.
+/// Prints what a shell completes of a command line.
 ///
 /// # Errors
 /// None.
-pub fn completions(args: &CompletionsArgs) -> anyhow::Result<ExitCode> {
-    print!("{}", completions_of(args.shell));
+pub fn completions(args: &CompletionsArgs, line: Command) -> anyhow::Result<ExitCode> {
+    print!("{}", completions_of(args.shell, line));
     Ok(ExitCode::SUCCESS)
 }
 
-fn completions_of(shell: Shell) -> String {
+fn completions_of(shell: Shell, mut line: Command) -> String {
     let mut text = Vec::new();
-    clap_complete::generate(shell, &mut Cli::command(), NAME, &mut text);
+    clap_complete::generate(shell, &mut line, NAME, &mut text);
     String::from_utf8_lossy(&text).into_owned()
 }
 
@@ -51,9 +50,9 @@ fn completions_of(shell: Shell) -> String {
 ///
 /// # Errors
 /// Where a page exists and `--force` is not given, or cannot be written.
-pub fn man(args: &ManArgs) -> anyhow::Result<ExitCode> {
+pub fn man(args: &ManArgs, line: Command) -> anyhow::Result<ExitCode> {
     let mut outputs = Outputs::new(args.force.force);
-    let pages = pages()?;
+    let pages = pages(line)?;
     let paths: Vec<PathBuf> = pages.iter().map(|(name, _)| args.folder.join(name)).collect();
     // Before the first page is written, so that none or all are.
     paths.iter().try_for_each(|path| outputs.claim(path))?;
@@ -65,8 +64,7 @@ pub fn man(args: &ManArgs) -> anyhow::Result<ExitCode> {
 }
 
 /// Names and texts of all pages, section 1.
-fn pages() -> anyhow::Result<Vec<(String, Vec<u8>)>> {
-    let mut root = Cli::command();
+fn pages(mut root: Command) -> anyhow::Result<Vec<(String, Vec<u8>)>> {
     // Gives sub-commands their full names.
     root.build();
     let mut pages = Vec::new();
@@ -74,7 +72,7 @@ fn pages() -> anyhow::Result<Vec<(String, Vec<u8>)>> {
     Ok(pages)
 }
 
-fn add_pages(command: &clap::Command, pages: &mut Vec<(String, Vec<u8>)>) -> anyhow::Result<()> {
+fn add_pages(command: &Command, pages: &mut Vec<(String, Vec<u8>)>) -> anyhow::Result<()> {
     let (page, mut text) = (Man::new(command.clone()), Vec::new());
     page.render(&mut text).context("writing into memory")?;
     pages.push((page.get_filename(), text));
@@ -85,7 +83,8 @@ fn add_pages(command: &clap::Command, pages: &mut Vec<(String, Vec<u8>)>) -> any
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::ValueEnum;
+    use crate::cli::Cli;
+    use clap::{CommandFactory, ValueEnum};
 
     fn subcommands() -> Vec<String> {
         Cli::command().get_subcommands().map(|c| c.get_name().to_owned()).collect()
@@ -93,7 +92,7 @@ mod tests {
 
     #[test]
     fn every_sub_command_has_a_page_that_names_its_options() {
-        let pages = pages().unwrap();
+        let pages = pages(Cli::command()).unwrap();
         let of = |name: &str| {
             let page = pages.iter().find(|(file, _)| file == name).unwrap_or_else(|| panic!("no {name}"));
             String::from_utf8(page.1.clone()).unwrap()
@@ -109,23 +108,25 @@ mod tests {
     #[test]
     fn every_shell_completes_every_sub_command() {
         for shell in [Shell::Bash, Shell::Zsh, Shell::Fish] {
-            let text = completions_of(shell);
+            let text = completions_of(shell, Cli::command());
             for name in subcommands() {
                 assert!(text.contains(&name), "{shell}: {name}");
             }
             assert!(text.contains("assert-budgets"), "{shell}: options of run");
         }
-        assert!(Shell::value_variants().iter().all(|&shell| completions_of(shell).len() > 1000));
+        assert!(
+            Shell::value_variants().iter().all(|&shell| completions_of(shell, Cli::command()).len() > 1000)
+        );
     }
 
     #[test]
     fn pages_are_written_whole_and_not_over_others() {
         let folder = tempfile::tempdir().unwrap();
         let args = |force| ManArgs { folder: folder.path().join("man1"), force: Force { force } };
-        man(&args(false)).unwrap();
+        man(&args(false), Cli::command()).unwrap();
         assert!(folder.path().join("man1/vitreo-replay.1").is_file());
-        let again = man(&args(false)).unwrap_err().to_string();
+        let again = man(&args(false), Cli::command()).unwrap_err().to_string();
         assert!(again.contains("--force"), "{again}");
-        man(&args(true)).unwrap();
+        man(&args(true), Cli::command()).unwrap();
     }
 }

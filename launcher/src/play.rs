@@ -1,11 +1,12 @@
 //! `vitreo play`: a person at a desk moves the instruments by mouse, keyboard or gamepad.
 
 use crate::machine::has_display;
-use crate::run::{self, DeskArgs, MAX_RESTARTS, RunArgs};
+use crate::run::{self, MAX_RESTARTS, OutputArgs, RunArgs, TrainingArgs, TrialArgs, ViewArgs};
 use anyhow::bail;
 use ipc::logging::inform;
 use outputs::{Force, print};
 use protocol::bindings::rows;
+use settings::commands::processes::{DeskArgs, PictureArgs, RigArgs, SceneArgs, VirtualRigArgs};
 use settings::commands::{Arrangement, StoreArgs};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -25,12 +26,9 @@ pub struct PlayArgs {
     /// A scene without a task instead: a shipped one's name or a file.
     #[arg(long, value_name = "NAME|FILE")]
     pub scene: Option<String>,
-    /// What to listen to: auto (the window, and a gamepad where there is one), mouse or gamepad.
-    #[arg(long, value_name = "WHAT", default_value = "auto", value_parser = ["auto", "mouse", "gamepad"])]
-    pub input: String,
-    /// Play a file of inputs instead of a person's; needs no display. See docs/play.md.
-    #[arg(long, value_name = "FILE", conflicts_with = "input")]
-    pub inputs: Option<PathBuf>,
+    /// What the person works with.
+    #[command(flatten)]
+    pub desk: DeskArgs,
     /// Print what keys, mouse and gamepad do, and end.
     #[arg(long)]
     pub keys: bool,
@@ -46,9 +44,9 @@ pub struct PlayArgs {
     /// Write the figures of the run.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
-    /// Cameras, markers and trocars [default: the shipped rig]; of these the trocars count.
-    #[arg(long, value_name = "RIG.json")]
-    pub rig: Option<PathBuf>,
+    /// The rig; of it the trocars count.
+    #[command(flatten)]
+    pub rig: RigArgs,
     /// Draw without a window.
     #[arg(long, requires = "inputs", conflicts_with = "no_picture")]
     pub headless: bool,
@@ -85,13 +83,13 @@ pub fn run(args: &PlayArgs) -> anyhow::Result<ExitCode> {
         print!("{}", table());
         return Ok(ExitCode::SUCCESS);
     }
-    if args.inputs.is_none() && !has_display() {
+    if args.desk.inputs.is_none() && !has_display() {
         bail!(
             "no display: mouse and keyboard are heard by the window with the picture; on a machine without one, \
              --inputs FILE plays a file of inputs"
         );
     }
-    if args.inputs.is_none() {
+    if args.desk.inputs.is_none() {
         inform("click into the picture; F1 shows the keys on it, vitreo play --keys here; F10 ends");
     }
     run::run(&args.run_args())
@@ -101,30 +99,43 @@ impl PlayArgs {
     /// As a run with a person at the desk.
     fn run_args(&self) -> RunArgs {
         let module = self.module.clone().or_else(|| self.scene.is_none().then(|| FIRST_MODULE.into()));
-        RunArgs {
+        let training = TrainingArgs {
             stay: module.is_some(),
             module,
             level: self.level,
             surgeon: "expert".into(),
-            scene: self.scene.clone(),
             trainee: self.trainee.clone(),
             store: self.store.clone(),
-            record: self.record.clone(),
-            report: self.report.clone(),
+        };
+        let files =
+            OutputArgs { record: self.record.clone(), report: self.report.clone(), force: self.force };
+        RunArgs {
+            scene: SceneArgs { scene: self.scene.clone() },
+            training,
             rig: self.rig.clone(),
-            seed: 1,
-            headless: self.headless || (self.inputs.is_some() && !self.no_picture && !has_display()),
-            window: self.inputs.is_none(),
-            no_picture: self.no_picture,
+            virtual_rig: VirtualRigArgs { seed: 1, ..VirtualRigArgs::default() },
+            outputs: files,
+            view: self.view(),
+            instance: self.instance.clone(),
+            desk: Some(self.desk.clone()),
+            trial: TrialArgs { max_restarts: MAX_RESTARTS, ..TrialArgs::default() },
+            ..RunArgs::default()
+        }
+    }
+
+    fn view(&self) -> ViewArgs {
+        let picture = PictureArgs {
             arrange: Some(self.arrange),
             full_screen: self.full_screen,
             stills: self.stills.clone(),
             video: self.video.clone(),
-            max_restarts: MAX_RESTARTS,
-            force: self.force,
-            instance: self.instance.clone(),
-            desk: Some(DeskArgs { input: self.input.clone(), inputs: self.inputs.clone() }),
-            ..RunArgs::default()
+            ..PictureArgs::default()
+        };
+        ViewArgs {
+            headless: self.headless || (self.desk.inputs.is_some() && !self.no_picture && !has_display()),
+            window: self.desk.inputs.is_none(),
+            no_picture: self.no_picture,
+            picture,
         }
     }
 }
@@ -154,12 +165,13 @@ mod tests {
 
     #[test]
     fn a_module_is_played_unless_a_scene_is_named() {
-        assert_eq!(parse(&[]).unwrap().module.as_deref(), Some(FIRST_MODULE));
+        assert_eq!(parse(&[]).unwrap().training.module.as_deref(), Some(FIRST_MODULE));
+        let of = |run: &RunArgs| (run.training.module.clone(), run.training.stay);
         let shadow = parse(&["shadow", "--level", "2", "--input", "mouse"]).unwrap();
-        assert_eq!((shadow.module.as_deref(), shadow.level, shadow.stay), (Some("shadow"), 2, true));
-        assert_eq!(shadow.arrange, Some(Arrangement::Left), "one large eye");
+        assert_eq!((of(&shadow), shadow.training.level), ((Some("shadow".into()), true), 2));
+        assert_eq!(shadow.view.picture.arrange, Some(Arrangement::Left), "one large eye");
         let scene = parse(&["--scene", "trim"]).unwrap();
-        assert_eq!((scene.module, scene.scene.as_deref(), scene.stay), (None, Some("trim"), false));
+        assert_eq!((of(&scene), scene.scene.scene.as_deref()), ((None, false), Some("trim")));
         for wrong in [
             &["shadow", "--scene", "trim"][..],
             &["--input", "feet"],

@@ -14,6 +14,7 @@ mod arguments;
 mod attempt_control;
 mod cameras;
 mod channel_tap;
+mod handed_on;
 mod latency_stats;
 mod load;
 mod monitor;
@@ -31,7 +32,7 @@ mod watch;
 
 pub use arguments::share;
 pub use load::{Judged, Load, NO_LOAD};
-pub use options::{DeskArgs, RunArgs};
+pub use options::{OutputArgs, RunArgs, TrainingArgs, TrialArgs, ViewArgs};
 pub use policy::MAX_RESTARTS;
 
 use crate::exit::{BUDGET, FAILED, LOSS, UNTRACKED};
@@ -52,6 +53,7 @@ use results::keeping::{BEGAN, SURGEON, keep, seconds_since_1970};
 use results::scored::live_text;
 use scene::{DEFAULT_SCENE, SceneFile};
 use session::{Attempt, Session};
+use settings::commands::processes::AUTO;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::ExitCode;
@@ -69,11 +71,13 @@ pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
 async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     allow_open_files()?;
     let stop = StopSignal::install()?;
-    if args.unscripted && !cameras::wait(args, &stop).await {
+    if args.real.unscripted && !cameras::wait(args, &stop).await {
         return Ok(ExitCode::SUCCESS);
     }
     // The composed scene lasts as long as this does.
-    let composed = args.module.as_deref().map(|m| Composed::new(m, args.level, &args.surgeon, args.seed));
+    let composed = args.training.module.as_deref();
+    let composed = composed
+        .map(|m| Composed::new(m, args.training.level, &args.training.surgeon, args.virtual_rig.seed));
     let mut composed = composed.transpose()?;
     let args = &args.with_scene_of(composed.as_ref()).with_recording_of_trainee()?;
     let view = args.view(has_display());
@@ -87,14 +91,15 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     };
     let (report, attempts) = session.close(ended_by).await;
     // Whatever becomes of the report, the attempt is kept.
-    let written = args.report.as_deref().map(|file| write_report(&report, &mut outputs, file)).transpose();
+    let written =
+        args.outputs.report.as_deref().map(|file| write_report(&report, &mut outputs, file)).transpose();
     let ran = report.duration_s > 0.0;
     if ran {
         print!("{}", report.text());
         attempts.iter().for_each(|a| print!("{}", attempt_text(a, attempts.len())));
     }
     outcome?;
-    if let Some(trainee) = &args.trainee {
+    if let Some(trainee) = &args.training.trainee {
         keep_all(args, trainee, &attempts)?;
     }
     written?;
@@ -110,9 +115,9 @@ fn attempt_text(attempt: &Attempt, attempts: usize) -> String {
 /// Keeps the attempts in the results store, those broken off too. One that was not begun is left
 /// out; where it is the only one that is an error.
 fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Result<()> {
-    let mut store = open_store(&args.store)?;
-    let person = args.desk.is_some() || args.cameras.is_some();
-    let open_end = args.stay || person || attempts.len() > 1;
+    let mut store = open_store(&args.training.store)?;
+    let person = args.desk.is_some() || args.real.cameras.is_some();
+    let open_end = args.training.stay || person || attempts.len() > 1;
     for attempt in attempts {
         let Some(file) = &attempt.record else { continue };
         let kept = match keep(&mut store, trainee, file) {
@@ -130,24 +135,33 @@ fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Resu
 
 /// What makes the recording of this run complete; reads rig and scene, and so checks them early.
 fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
-    let rig = Rig::load_or_shipped(args.rig.as_deref()).context("--rig")?;
-    let scene_name = args.scene.as_deref().unwrap_or(DEFAULT_SCENE);
+    let rig = Rig::load_or_shipped(args.rig.rig.as_deref()).context("--rig")?;
+    let scene_name = args.scene.scene.as_deref().unwrap_or(DEFAULT_SCENE);
     let scene = SceneFile::load(scene_name)?;
-    let scene_name = args.module.as_deref().unwrap_or(scene_name);
+    let scene_name = args.training.module.as_deref().unwrap_or(scene_name);
     let file = |p: &Option<std::path::PathBuf>| p.as_ref().map(|p| p.display().to_string());
-    let scripted = args.module.is_some() && args.is_scripted();
+    let cameras = &args.virtual_rig;
+    let scripted = args.training.module.is_some() && args.is_scripted();
     let config = [
-        ("module", args.module.as_ref().map(|m| module(args, m, scripted))),
+        ("module", args.training.module.as_ref().map(|m| module(args, m, scripted))),
         (BEGAN, Some(seconds_since_1970(SystemTime::now()).to_string())),
-        (SURGEON, scripted.then(|| args.surgeon.clone())),
-        (DESK, args.desk.as_ref().map(|d| file(&d.inputs).unwrap_or_else(|| d.input.clone()))),
-        ("cameras", file(&args.cameras)),
-        ("motion", file(&args.motion)),
-        ("motion-full", args.motion_full.then(|| "true".into())),
-        ("blobs", file(&args.blobs)),
-        ("direct", args.direct.then(|| "true".into())),
-        ("faults", args.faults.clone()),
-        ("inject-delay", (!args.inject_delay.is_empty()).then(|| format!("{:?}", args.inject_delay))),
+        (SURGEON, scripted.then(|| args.training.surgeon.clone())),
+        (
+            DESK,
+            args.desk
+                .as_ref()
+                .map(|d| file(&d.inputs).or_else(|| d.input.clone()).unwrap_or_else(|| AUTO.into())),
+        ),
+        ("cameras", file(&args.real.cameras)),
+        ("motion", file(&cameras.motion)),
+        ("motion-full", cameras.motion_full.then(|| "true".into())),
+        ("blobs", file(&cameras.blobs)),
+        ("direct", cameras.direct.then(|| "true".into())),
+        ("faults", cameras.faults.clone()),
+        (
+            "inject-delay",
+            (!args.trial.inject_delay.is_empty()).then(|| format!("{:?}", args.trial.inject_delay)),
+        ),
     ];
     let config = config.into_iter().filter_map(|(k, v)| Some((k.to_string(), v?)));
     let versions = Versions::of_this_build();
@@ -162,7 +176,7 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
         rig_json: rig.to_json(),
         scene_name: scene_name.into(),
         scene_toml: scene.to_toml(),
-        seeds: BTreeMap::from([("cameras".into(), args.seed.to_string())]),
+        seeds: BTreeMap::from([("cameras".into(), args.virtual_rig.seed.to_string())]),
         config: config.collect(),
         versions: versions.into_iter().filter_map(|(k, v)| Some((k.to_string(), v?))).collect(),
         ..Provenance::default()
@@ -171,8 +185,8 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
 
 /// The module, its level, and who works where it is no person.
 fn module(args: &RunArgs, name: &str, scripted: bool) -> String {
-    let who = if scripted { format!(", {}", args.surgeon) } else { String::new() };
-    format!("{name} level {}{who}", args.level)
+    let who = if scripted { format!(", {}", args.training.surgeon) } else { String::new() };
+    format!("{name} level {}{who}", args.training.level)
 }
 
 fn write_report(report: &Report, outputs: &mut Outputs, file: &Path) -> anyhow::Result<()> {
@@ -216,7 +230,9 @@ fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
         warn(&format!("from {:.1} to {to_s:.1} s {}", silence.from_s, silence.finding.what));
         code = LOSS;
     }
-    if let Some((text, is_loss)) = missing_singly(report, args.faults.is_some() || args.blobs.is_some()) {
+    if let Some((text, is_loss)) =
+        missing_singly(report, args.virtual_rig.faults.is_some() || args.virtual_rig.blobs.is_some())
+    {
         warn(&text);
         code = if is_loss { LOSS } else { code };
     }
@@ -226,11 +242,11 @@ fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
         return FAILED;
     }
     let (body, share) = report.least_tracked;
-    if let Some(asserted) = args.assert_tracking.filter(|asserted| share < *asserted) {
+    if let Some(asserted) = args.judge.assert_tracking.filter(|asserted| share < *asserted) {
         warn(&untracked(body, share, asserted));
         return UNTRACKED;
     }
-    if !args.assert_budgets {
+    if !args.judge.assert_budgets {
         return code;
     }
     for stage in report.stages.iter().filter(|s| s.broken) {

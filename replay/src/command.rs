@@ -119,7 +119,7 @@ impl Replay<'_> {
     /// The world at the start of the recording's scene.
     fn world(&self) -> anyhow::Result<World> {
         let mut world = World::new(&scene_of(self.recording)?).context("scene")?.unseen();
-        let wanted = self.args.collision.as_deref().and_then(Backend::named).unwrap_or_default();
+        let wanted = self.args.collision.collision.as_deref().and_then(Backend::named).unwrap_or_default();
         if let Some(choice) = world.choose_collision(wanted, &mut now) {
             match wanted == Backend::Gpu && !choice.on_gpu {
                 true => tracing::warn!("{choice}"),

@@ -8,6 +8,7 @@ mod fundus;
 mod import;
 mod info;
 pub mod numbers;
+pub mod processes;
 mod recover;
 mod replay;
 mod results;

@@ -1,7 +1,9 @@
 //! Every option of every command can be set by a file, and says where its value comes from.
 
 use super::*;
+use crate::cli::Cli;
 use clap::Arg;
+use clap::CommandFactory;
 use settings::apply::matches;
 use settings::check::can_be_set;
 use settings::describe::options;
@@ -107,11 +109,14 @@ fn a_setting_reaches_the_command() {
     };
     let cli = parse(&["run", "--module", "peeling", "--seed", "8"]);
     let crate::cli::Command::Run(run) = cli.command else { panic!("no run") };
-    assert_eq!((cli.log.quiet, run.seed, run.no_picture, run.level), (1, 8, true, 2));
+    assert_eq!(
+        (cli.log.quiet, run.virtual_rig.seed, run.view.no_picture, run.training.level),
+        (1, 8, true, 2)
+    );
     // A window is asked for: what the file says against it rests.
     let cli = parse(&["run", "--window"]);
     let crate::cli::Command::Run(run) = cli.command else { panic!("no run") };
-    assert!(run.window && !run.no_picture);
+    assert!(run.view.window && !run.view.no_picture);
     let crate::cli::Command::Play(play) = parse(&["play"]).command else { panic!("no play") };
     assert_eq!(play.level, 3);
 }

@@ -25,7 +25,7 @@ pub(super) fn checks() -> Vec<Check> {
         terminal(std::io::stderr().is_terminal()),
     ];
     checks.extend(Process::ALL.map(|p| binary(p.binary())));
-    checks.push(binary(crate::cli::CALIBRATION));
+    checks.push(binary(crate::programs::CALIBRATION));
     checks
 }
 

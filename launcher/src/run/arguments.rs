@@ -1,7 +1,6 @@
-//! Values of `vitreo run`'s options as they are read, and arguments as a process gets them.
+//! Values of `vitreo run`'s options as they are read.
 
 use protocol::budget::Stage;
-use std::path::Path;
 
 /// A duration, s.
 pub(super) fn positive(text: &str) -> Result<f64, String> {
@@ -33,26 +32,4 @@ pub(super) fn injected_delay(text: &str) -> Result<(Stage, f64), String> {
     let stage = stage.ok_or_else(|| format!("unknown stage '{name}'; known: {}", names()))?;
     let delay: f64 = delay.parse().map_err(|_| format!("expected milliseconds, found '{delay}'"))?;
     if (0.0..=10_000.0).contains(&delay) { Ok((stage, delay)) } else { Err("expected 0 to 10000 ms".into()) }
-}
-
-/// Collects command-line arguments.
-#[derive(Default)]
-pub(super) struct Arguments(pub Vec<String>);
-
-impl Arguments {
-    pub fn flag(&mut self, name: &str, given: bool) {
-        if given {
-            self.0.push(name.into());
-        }
-    }
-
-    pub fn value(&mut self, name: &str, value: Option<impl ToString>) {
-        if let Some(value) = value {
-            self.0.extend([name.into(), value.to_string()]);
-        }
-    }
-
-    pub fn path(&mut self, name: &str, path: Option<&Path>) {
-        self.value(name, path.map(Path::display));
-    }
 }

@@ -42,7 +42,7 @@ pub fn check_program(program: &Path) -> anyhow::Result<()> {
 /// `stop` is raised first.
 pub async fn wait(args: &RunArgs, stop: &StopSignal) -> bool {
     let mut told: Option<(String, Instant)> = None;
-    while let Some(reason) = missing(args.cameras.as_deref(), args.rig.as_deref()) {
+    while let Some(reason) = missing(args.real.cameras.as_deref(), args.rig.rig.as_deref()) {
         let known = told.as_ref().is_some_and(|(text, at)| *text == reason && at.elapsed() < REMINDER);
         if !known {
             warn(&format!("waiting, nobody works: {reason}"));

@@ -171,10 +171,10 @@ impl<'a> Session<'a> {
     ) -> anyhow::Result<Self> {
         let provenance = super::provenance(args)?;
         let instance = Instance::own(&args.instance)?;
-        let file = args.record.as_deref().map(|file| outputs.grow(file)).transpose()?;
+        let file = args.outputs.record.as_deref().map(|file| outputs.grow(file)).transpose()?;
         file.iter().try_for_each(GrowingFile::make_private)?;
         let recorder = file.map(|file| Recorder::start(file, &provenance)).transpose()?;
-        let tracking = Tracking::new(&Rig::load_or_shipped(args.rig.as_deref())?);
+        let tracking = Tracking::new(&Rig::load_or_shipped(args.rig.rig.as_deref())?);
         let (latencies, monitor, resume) = (LatencyStats::default(), Monitor::default(), Resume::default());
         let (line_sender, lines) = mpsc::channel(LINES_QUEUE);
         Ok(Session {
@@ -190,7 +190,7 @@ impl<'a> Session<'a> {
             paused_ns: None,
             help: attempts::HelpState::default(),
             attempts: Vec::new(),
-            first_record: args.record.clone(),
+            first_record: args.outputs.record.clone(),
             stop,
             tap: ChannelTap::open(&instance)?,
             consumers: Consumers {

@@ -127,7 +127,7 @@ impl Supervisor {
             was_ready: false,
             ready_at: 0,
             last_sign_ns: now,
-            limit: RestartLimit::of(self.args.max_restarts),
+            limit: RestartLimit::of(self.args.trial.max_restarts),
         });
         Ok(())
     }
@@ -155,7 +155,7 @@ impl Supervisor {
             _ => surroundings.realtime = true,
         }
         if process == Process::VirtualRig {
-            surroundings.program = self.args.cameras.clone();
+            surroundings.program = self.args.real.cameras.clone();
         }
         Child::spawn(process, &self.args.instance, &args, &surroundings)
     }

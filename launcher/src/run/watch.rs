@@ -19,7 +19,7 @@ pub fn findings(args: &RunArgs, tracking: &Tracking, monitor: &Monitor, since_ns
     let mut found = if args.desk.is_none() { tracking.findings().to_vec() } else { Vec::new() };
     if since_ns >= INPUT_NS {
         // A recorded stream brings blobs alone.
-        found.extend(missing_inputs(monitor).filter(|_| args.blobs.is_none()));
+        found.extend(missing_inputs(monitor).filter(|_| args.virtual_rig.blobs.is_none()));
         found.extend(slow_picture(monitor));
     }
     found

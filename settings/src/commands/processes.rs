@@ -5,6 +5,9 @@ use super::arrangement::Arrangement;
 use super::fundus::FundusArgs;
 use std::path::PathBuf;
 
+/// What a desk listens to where nothing is said.
+pub const AUTO: &str = "auto";
+
 /// Arguments that are handed on.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Arguments(pub Vec<String>);
@@ -98,6 +101,7 @@ handed_on!(SceneArgs: scene);
 
 /// What the virtual cameras see.
 #[derive(Debug, Clone, Default, clap::Args)]
+#[command(next_help_heading = "Virtual cameras")]
 pub struct VirtualRigArgs {
     /// Seed of everything random in the virtual cameras and hands.
     #[arg(long, default_value_t = 1)]
@@ -150,6 +154,7 @@ handed_on!(DeskArgs: input, inputs);
 
 /// How the picture is drawn, and where it goes.
 #[derive(Debug, Clone, Default, clap::Args)]
+#[command(next_help_heading = "Picture")]
 pub struct PictureArgs {
     /// The fundus photograph.
     #[command(flatten)]

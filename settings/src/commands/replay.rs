@@ -2,6 +2,7 @@
 
 use super::SpanArgs;
 use super::numbers::{not_negative, positive, share};
+use super::processes::CollisionArgs;
 use outputs::Force;
 use std::path::PathBuf;
 
@@ -44,10 +45,9 @@ pub struct ReplayArgs {
     /// Write the blob stream that was replayed.
     #[arg(long, value_name = "OUT.jsonl")]
     pub blobs: Option<PathBuf>,
-    /// Who looks for collisions with the membrane: auto (the faster one, measured at start-up), cpu
-    /// or gpu. It changes no result.
-    #[arg(long, value_name = "WHO", value_parser = ["auto", "cpu", "gpu"])]
-    pub collision: Option<String>,
+    /// Who looks for collisions.
+    #[command(flatten)]
+    pub collision: CollisionArgs,
     /// Exit with 6 where a body was tracked in a smaller share of frames, 0 to 1.
     #[arg(long, value_name = "SHARE", value_parser = share)]
     pub assert_tracking: Option<f64>,

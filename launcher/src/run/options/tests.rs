@@ -96,12 +96,12 @@ fn the_desk_takes_the_place_of_cameras_and_tracker() {
     let mut args = parse(&["--module", "navigation"]).unwrap();
     assert_eq!(args.source(), Process::VirtualRig);
     assert_eq!(args.trackers(), [Process::Tracker, Process::FpgaModel]);
-    args.desk = Some(DeskArgs { input: "mouse".into(), inputs: None });
+    args.desk = Some(DeskArgs { input: Some("mouse".into()), inputs: None });
     let given = |args: &RunArgs, p| args.arguments_of(p, View::Window, None, 0).join(" ");
     assert_eq!((args.source(), given(&args, Process::Desk).as_str()), (Process::Desk, "--input mouse"));
     assert!(args.trackers().is_empty());
     assert_eq!(given(&args, Process::Renderer), "--window --desk");
-    args.desk = Some(DeskArgs { input: "auto".into(), inputs: Some("moves.txt".into()) });
+    args.desk = Some(DeskArgs { input: None, inputs: Some("moves.txt".into()) });
     assert_eq!(given(&args, Process::Desk), "--inputs moves.txt");
 }
 

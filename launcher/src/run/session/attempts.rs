@@ -75,7 +75,9 @@ impl Session<'_> {
                     self.resume(since).await
                 }
                 (ControlRequest::Pause, Some(_)) | (ControlRequest::Resume, None) => Ok(()),
-                (ControlRequest::Restart, _) => self.begin_again(Command::Reset, self.args.level).await,
+                (ControlRequest::Restart, _) => {
+                    self.begin_again(Command::Reset, self.args.training.level).await
+                }
                 (ControlRequest::Next, _) => self.next_level().await,
                 (ControlRequest::Quit, _) => Ok(()),
             };
@@ -157,8 +159,8 @@ impl Session<'_> {
         self.command_all(Command::Pause, 0).await?;
         self.end_attempt().await;
         let number = self.attempts.len() as u32;
-        self.args.level = level;
-        self.args.record = self.first_record.as_deref().map(|file| self.args.numbered(file, number));
+        self.args.training.level = level;
+        self.args.outputs.record = self.first_record.as_deref().map(|file| self.args.numbered(file, number));
         self.provenance = provenance(&self.args)?;
         let duration_ms = self.args.duration.map_or(0, |s| (s * 1e3) as u64);
         self.command_all(command, duration_ms).await?;
@@ -174,8 +176,8 @@ impl Session<'_> {
 
     /// A recorder of the attempt that begins.
     fn recorder_of_attempt(&self) -> anyhow::Result<Option<Recorder>> {
-        let Some(file) = &self.args.record else { return Ok(None) };
-        let file = Outputs::new(self.args.force.force).grow(file)?;
+        let Some(file) = &self.args.outputs.record else { return Ok(None) };
+        let file = Outputs::new(self.args.outputs.force.force).grow(file)?;
         file.make_private()?;
         let mut recorder = Recorder::start(file, &self.provenance)?;
         recorder.appear()?;
@@ -188,7 +190,7 @@ impl Session<'_> {
             Some(recorder) => Some(recorder.finish().await),
             None => None,
         };
-        let (level, record) = (self.args.level, self.args.record.clone());
+        let (level, record) = (self.args.training.level, self.args.outputs.record.clone());
         let live = std::mem::take(&mut self.consumers.score);
         self.attempts.push(Attempt { level, record, live });
         self.consumers.resume.clear();
@@ -200,7 +202,7 @@ impl Session<'_> {
         let seq = self.supervisor.ask(EVERY_PROCESS, command, argument);
         let trackers = self.args.trackers().iter().copied();
         // Real cameras see what there is, whatever the simulation does.
-        let source = self.args.cameras.is_none().then(|| self.args.source());
+        let source = self.args.real.cameras.is_none().then(|| self.args.source());
         let obeying = source.into_iter().chain([Process::Simcore]).chain(trackers);
         let waiting = obeying.map(|p| p as u32).collect();
         self.command = CommandProgress { seq, waiting, problems: Vec::new() };

@@ -16,6 +16,7 @@ use protocol::health::{Health, Process};
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
 use recording::Provenance;
+use settings::commands::processes::AUTO;
 use std::collections::BTreeMap;
 
 impl Session<'_> {
@@ -121,21 +122,21 @@ fn process_figures(slot: &Slot) -> ProcessFigures {
 
 fn setup(args: &RunArgs, view: View, provenance: &Provenance) -> Setup {
     let path = |p: &std::path::Path| p.display().to_string();
-    let source = match (&args.desk, &args.blobs, &args.motion) {
+    let source = match (&args.desk, &args.virtual_rig.blobs, &args.virtual_rig.motion) {
         (Some(desk), ..) => match &desk.inputs {
             Some(file) => format!("inputs of {}", path(file)),
-            None => format!("desk, {}", desk.input),
+            None => format!("desk, {}", desk.input.as_deref().unwrap_or(AUTO)),
         },
         (_, Some(blobs), _) => format!("blob stream {}", path(blobs)),
         (_, _, Some(motion)) => format!("script with the hand of {}", path(motion)),
         _ => "script".into(),
     };
-    let delays = args.inject_delay.iter().map(|(stage, ms)| (stage.name(), *ms));
+    let delays = args.trial.inject_delay.iter().map(|(stage, ms)| (stage.name(), *ms));
     Setup {
         instance: args.instance.clone(),
         scene: provenance.scene_name.clone(),
-        rig: args.rig.as_deref().map_or("shipped".into(), path),
-        seed: args.seed,
+        rig: args.rig.rig.as_deref().map_or("shipped".into(), path),
+        seed: args.virtual_rig.seed,
         source,
         view: match view {
             View::Window => "window",

@@ -1,0 +1,22 @@
+//! The programs behind `vitreo`, and what vitreo.toml says to this one.
+
+use settings::Program;
+
+/// The binary of the camera hardware.
+pub const CAMERA: &str = "vitreo-fpga-model";
+/// The binary of the picture.
+pub const RENDERER: &str = "vitreo-renderer";
+/// The binary of recordings that are run again.
+pub const REPLAY: &str = "vitreo-replay";
+/// The binary of the calibrations.
+pub const CALIBRATION: &str = "vitreo-calibration";
+
+/// What vitreo.toml says to this program. Tables of commands that belong to other programs are read
+/// there; commands that help to mend a file do without.
+pub const SETTINGS: Program = Program {
+    prefix: "",
+    without: &["config", "completions", "man"],
+    elsewhere: Some(&["blobs", "colours", "hardware", "vectors", "calibrate", "bench"]),
+};
+/// The programs of [`SETTINGS`]' tables elsewhere.
+pub const WITH_SETTINGS: [&str; 3] = [CAMERA, CALIBRATION, RENDERER];

@@ -1,0 +1,93 @@
+//! What each process is given of a run's options.
+
+use super::options::{RunArgs, View};
+use protocol::budget::Stage;
+use protocol::health::Process;
+use settings::commands::processes::{Arguments, PictureArgs, VirtualRigArgs};
+use std::path::PathBuf;
+
+/// The camera that `--inject-delay camera-wait=MS` makes late.
+const LATE_CAMERA: u32 = 2;
+
+impl RunArgs {
+    /// The arguments of one process. `remaining_s` is what is left of the duration, `restarts` how
+    /// often the process was restarted before.
+    pub fn arguments_of(
+        &self,
+        process: Process,
+        view: View,
+        remaining_s: Option<f64>,
+        restarts: u32,
+    ) -> Vec<String> {
+        let mut args = Arguments::default();
+        // The scene's script is nothing to real cameras.
+        let real = process == Process::VirtualRig && self.real.cameras.is_some();
+        if process != Process::Simcore {
+            self.rig.hand_on(&mut args);
+        }
+        if !real && !matches!(process, Process::FpgaModel | Process::Tracker) {
+            self.scene.hand_on(&mut args);
+        }
+        args.value("--inject-delay-ms", self.delayed_stage(process).and_then(|stage| self.delay_ms(stage)));
+        match process {
+            Process::VirtualRig if real => {}
+            Process::VirtualRig => self.to_virtual_rig(&mut args, remaining_s, restarts),
+            Process::Renderer => self.to_renderer(&mut args, view, restarts),
+            Process::Simcore => self.collision.hand_on(&mut args),
+            Process::FpgaModel | Process::Tracker => {}
+            Process::Desk => self.desk.iter().for_each(|desk| desk.hand_on(&mut args)),
+        }
+        args.0
+    }
+
+    /// The stage whose delay a process is given.
+    fn delayed_stage(&self, process: Process) -> Option<Stage> {
+        match process {
+            Process::VirtualRig if self.real.cameras.is_some() => None,
+            // Without pixels there is no camera hardware: the rig sends the blobs.
+            Process::VirtualRig if self.trackers().contains(&Process::FpgaModel) => None,
+            Process::VirtualRig | Process::FpgaModel => Some(Stage::Camera),
+            // A desk has no cameras to wait for: what it does is tracking.
+            Process::Tracker | Process::Desk => Some(Stage::Tracking),
+            Process::Simcore => Some(Stage::Simulation),
+            Process::Renderer => Some(Stage::Rendering),
+        }
+    }
+
+    /// Milliseconds by which `stage` is slowed down.
+    fn delay_ms(&self, stage: Stage) -> Option<f64> {
+        self.trial.inject_delay.iter().rev().find(|(s, _)| *s == stage).map(|(_, ms)| *ms)
+    }
+
+    fn to_virtual_rig(&self, args: &mut Arguments, remaining_s: Option<f64>, restarts: u32) {
+        let fault_log = self.numbered_option(self.virtual_rig.fault_log.as_ref(), restarts);
+        args.flag("--force", self.outputs.force.force && fault_log.is_some());
+        VirtualRigArgs { fault_log, ..self.virtual_rig.clone() }.hand_on(args);
+        args.value("--duration", remaining_s);
+        args.value("--after-round", self.after_round);
+        let late = self.delay_ms(Stage::CameraWait).map(|ms| format!("{LATE_CAMERA}={ms}"));
+        args.value("--late-camera", late);
+    }
+
+    /// A restarted renderer puts its film and stills beside those before: a-2.y4m.
+    fn to_renderer(&self, args: &mut Arguments, view: View, restarts: u32) {
+        args.flag(if view == View::Window { "--window" } else { "--headless" }, true);
+        args.flag("--desk", self.desk.is_some());
+        let picture = &self.view.picture;
+        let picture = PictureArgs {
+            stills: self.numbered_option(picture.stills.as_ref(), restarts),
+            video: self.numbered_option(picture.video.as_ref(), restarts),
+            lose_device_after: picture.lose_device_after.filter(|_| restarts == 0),
+            ..picture.clone()
+        };
+        args.flag(
+            "--force",
+            self.outputs.force.force && (picture.stills.is_some() || picture.video.is_some()),
+        );
+        picture.hand_on(args);
+    }
+
+    fn numbered_option(&self, file: Option<&PathBuf>, restarts: u32) -> Option<PathBuf> {
+        file.map(|file| self.numbered(file, restarts))
+    }
+}
