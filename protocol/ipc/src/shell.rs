@@ -120,12 +120,9 @@ impl Shell {
         self.health.send(&self.report)
     }
 
-    /// Sends the heartbeat if it is due, and returns the next command for this process.
-    /// `Shutdown` and `Ping` are served here; the others are the process's to serve and answer.
-    ///
-    /// # Errors
-    /// Where a channel fails.
-    pub fn serve(&mut self, at: Nanos) -> Result<Option<(Request, Command)>, IpcError> {
+    /// Sends the heartbeat if it is due, and returns the next command for this process. `Shutdown`
+    /// and `Ping` are served here.
+    fn next_command(&mut self, at: Nanos) -> Result<Option<(Request, Command)>, IpcError> {
         if at >= self.next_beat {
             self.beat_now(at)?;
         }
@@ -136,10 +133,10 @@ impl Shell {
             match Command::from_wire(request.command) {
                 Some(Command::Shutdown) => {
                     self.stop();
-                    self.answer(&request, Ok(()))?;
+                    self.answer(&request, None)?;
                     return Ok(None);
                 }
-                Some(Command::Ping) => self.answer(&request, Ok(()))?,
+                Some(Command::Ping) => self.answer(&request, None)?,
                 Some(command) => return Ok(Some((request, command))),
                 None => {}
             }
@@ -147,19 +144,10 @@ impl Shell {
         Ok(None)
     }
 
-    /// Answers a request.
-    ///
-    /// # Errors
-    /// Where the channel fails.
-    pub fn answer(&mut self, request: &Request, result: Result<(), &str>) -> Result<(), IpcError> {
-        let text = text_bytes(result.err().unwrap_or(""));
-        let code = u32::from(result.is_err());
-        self.answers.send(&Answer { seq: request.seq, process: self.process as u32, result: code, text })
-    }
-
-    /// The channel of requests, to be waited on with the process's own.
-    pub fn control(&self) -> &dyn Wakes {
-        &self.control
+    fn answer(&mut self, request: &Request, refusal: Option<&str>) -> Result<(), IpcError> {
+        let text = text_bytes(refusal.unwrap_or(""));
+        let result = u32::from(refusal.is_some());
+        self.answers.send(&Answer { seq: request.seq, process: self.process as u32, result, text })
     }
 
     /// Sleeps until one of `channels` or a request wakes it, at most until `until` and at most

@@ -99,7 +99,7 @@ pub fn run<E: From<IpcError>>(work: &mut impl Work<E>) -> Result<(), E> {
 /// Sends the heartbeat if it is due, and serves the next command. One a turn: of two commands the second
 /// finds everything done that came before it.
 fn serve<E: From<IpcError>>(work: &mut impl Work<E>) -> Result<(), E> {
-    let next = work.shell().serve(now())?;
+    let next = work.shell().next_command(now())?;
     work.shell().served = next.is_some();
     let Some((request, command)) = next else { return Ok(()) };
     let begun = now();
@@ -108,7 +108,7 @@ fn serve<E: From<IpcError>>(work: &mut impl Work<E>) -> Result<(), E> {
     // What a command takes is no sleep.
     shell.awake.excuse(now() - begun);
     let refusal = refusal.map(|why| format!("{}: {why}", shell.process.name()));
-    Ok(shell.answer(&request, refusal.as_deref().map_or(Ok(()), Err))?)
+    Ok(shell.answer(&request, refusal.as_deref())?)
 }
 
 #[cfg(test)]
