@@ -1,4 +1,4 @@
-//! The loop: 50 times a second it reads inputs and publishes poses, handles and pedal. The only
+//! The process: 50 times a second it reads inputs and publishes poses, handles and pedal. The only
 //! module with transport and clock.
 
 use crate::config::{Config, InputSource};
@@ -8,22 +8,20 @@ use crate::guidance::Guidance;
 use crate::input_file::{Inputs, Player};
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
-use ipc::clock::{now, sleep_until};
-use ipc::shell::Shell;
-use ipc::{Instance, Queue, Receiver, Sender, wait};
+use ipc::clock::now;
+use ipc::shell::{Served, Shell, Work};
+use ipc::{Instance, Queue, Receiver, Sender};
 use protocol::control::Command;
 use protocol::handles::{HandleState, PedalState};
-use protocol::health::{Process, STATE_FINISHED, STATE_RUNNING};
+use protocol::health::{Process, STATE_FINISHED};
 use protocol::inputs::{Hint, Input, InputEvent, Origin};
-use protocol::limits::{FIELD_PERIOD_NS, MAX_WAIT_MS};
+use protocol::limits::FIELD_PERIOD_NS;
 use protocol::message::text_bytes;
 use protocol::poses::TrackerFrame;
 use protocol::rig::Rig;
 use protocol::time::Nanos;
 use scene::SceneFile;
 
-/// Time before a field in which requests are not served, ns: it sleeps to the instant.
-const FINE_NS: u64 = 1_000_000;
 /// The pedal is sent when it changes, and with every fifth field: 10 times a second.
 const PEDAL_EVERY: u64 = 5;
 /// A field, s.
@@ -35,14 +33,7 @@ const FIELD_S: f64 = FIELD_PERIOD_NS as f64 * 1e-9;
 /// If rig, scene or file of inputs cannot be read, a gamepad asked for is missing, or a channel
 /// fails.
 pub fn run(config: &Config) -> Result<()> {
-    let mut process = DeskShell::open(config)?;
-    while !process.shell.stopping() {
-        process.wait_for_field()?;
-        if now() >= process.next_ns {
-            process.field()?;
-        }
-    }
-    Ok(())
+    ipc::shell::run(&mut DeskShell::open(config)?)
 }
 
 /// The process: channels, schedule, and the state between fields.
@@ -108,25 +99,7 @@ impl DeskShell {
         if let Some(pad) = &process.gamepad {
             process.shell.set_text(&format!("gamepad: {}", pad.name()));
         }
-        process.shell.report.state = STATE_RUNNING;
-        process.shell.beat_now(now())?;
         Ok(process)
-    }
-
-    /// Sleeps until the next field is due or something comes.
-    fn wait_for_field(&mut self) -> Result<()> {
-        self.serve()?;
-        self.read_window_inputs()?;
-        let left = self.next_ns.saturating_sub(now());
-        if left <= FINE_NS {
-            sleep_until(self.next_ns);
-        } else {
-            wait(
-                &[&self.window_inputs, self.shell.control()],
-                (left - FINE_NS / 2).min(MAX_WAIT_MS * 1_000_000),
-            );
-        }
-        Ok(())
     }
 
     /// Applies the window's inputs; ignored while a file of inputs is played.
@@ -226,32 +199,39 @@ impl DeskShell {
         Ok(())
     }
 
-    fn serve(&mut self) -> Result<()> {
-        while let Some((request, command)) = self.shell.serve(now())? {
-            let done = self.execute(command);
-            if let Some(player) = &mut self.player {
-                player.served(command);
-            }
-            let done = done.map_err(|e| format!("{e:#}"));
-            self.shell.answer(&request, done.as_ref().copied().map_err(String::as_str))?;
-        }
+    /// Begins anew, with the scene that its file holds now.
+    fn reload(&mut self) -> Result<()> {
+        self.guidance = Guidance::new(&SceneFile::load(&self.config.scene)?, &self.rig);
+        (self.field, self.next_pedal) = (0, 0);
+        self.last_hint.clear();
         Ok(())
     }
+}
 
-    fn execute(&mut self, command: Command) -> Result<()> {
-        match command {
-            Command::Pause => self.paused = true,
-            Command::Start => self.paused = false,
-            Command::Reset | Command::Load => {
-                self.guidance = Guidance::new(&SceneFile::load(&self.config.scene)?, &self.rig);
-                (self.field, self.next_pedal) = (0, 0);
-                self.last_hint.clear();
-            }
-            Command::Ping | Command::Flush | Command::Shutdown => {}
-            Command::Snapshot | Command::Next | Command::Help => {
-                anyhow::bail!("the desk knows start, pause, reset and load only")
-            }
+impl Work<anyhow::Error> for DeskShell {
+    fn shell(&mut self) -> &mut Shell {
+        &mut self.shell
+    }
+
+    /// Until the next field is due or the person does something.
+    fn rest(&mut self) {
+        self.shell.rest_to(&[&self.window_inputs], self.next_ns);
+    }
+
+    fn turn(&mut self, woken: Nanos) -> Result<()> {
+        self.read_window_inputs()?;
+        if woken >= self.next_ns { self.field() } else { Ok(()) }
+    }
+
+    fn execute(&mut self, command: Command, _argument: u64) -> Result<Served> {
+        if let Some(player) = &mut self.player {
+            player.served(command);
         }
-        Ok(())
+        match command {
+            Command::Pause | Command::Start => self.paused = command == Command::Pause,
+            Command::Reset | Command::Load => return Ok(Served::of(self.reload())),
+            _ => return Ok(Served::NothingToDo),
+        }
+        Ok(Served::Done)
     }
 }

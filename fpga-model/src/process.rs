@@ -1,4 +1,4 @@
-//! The camera hardware's loop: fields of pixels in, fields of blobs out.
+//! The camera hardware's process: fields of pixels in, fields of blobs out.
 //!
 //! A field is scanned as soon as it is there, in place, and its blobs are held back until the
 //! hardware would have sent them ([`crate::camera_extractor`]): the source may publish a field
@@ -9,21 +9,17 @@ use crate::camera_extractor::CameraExtractor;
 use crate::config::Config;
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
-use ipc::awake::Awake;
-use ipc::clock::{now, sleep_until};
+use ipc::clock::now;
 use ipc::outbox::Outbox;
-use ipc::shell::Shell;
-use ipc::{BlockReceiver, BlockSample, Instance, Sender, wait};
+use ipc::shell::{Served, Shell, Work};
+use ipc::{BlockReceiver, BlockSample, Instance, Sender};
 use protocol::blobs::BlobField;
 use protocol::control::Command;
 use protocol::fields::{FieldHeader, FieldPicture};
-use protocol::health::{Process, STATE_DEGRADED, STATE_RUNNING};
-use protocol::limits::{FIELD_PERIOD_NS, MAX_CAMERAS, MAX_WAIT_MS};
+use protocol::health::{Process, STATE_DEGRADED};
+use protocol::limits::{FIELD_PERIOD_NS, MAX_CAMERAS};
 use protocol::rig::Rig;
 use protocol::time::Nanos;
-
-/// Time before an instant from which on channels are not served, ns.
-const FINE_NS: u64 = 500_000;
 
 /// Runs the camera hardware until it is stopped.
 ///
@@ -32,15 +28,7 @@ const FINE_NS: u64 = 500_000;
 pub fn run(config: &Config) -> Result<()> {
     let rig = Rig::load_or_shipped(config.rig.as_deref()).context("--rig")?;
     let extractors = rig.cameras().iter().map(|c| CameraExtractor::new(&rig, c)).collect::<Result<_, _>>()?;
-    let mut shell = FpgaModelShell::open(config, extractors)?;
-    while !shell.shell.stopping() {
-        shell.serve()?;
-        shell.wake()?;
-        shell.take_fields()?;
-        shell.send_due()?;
-        shell.rest();
-    }
-    Ok(())
+    ipc::shell::run(&mut FpgaModelShell::open(config, extractors)?)
 }
 
 /// Channels of the process, and the blobs held back.
@@ -52,11 +40,8 @@ struct FpgaModelShell {
     outbox: Outbox,
     /// Number of each camera's newest field.
     newest: [u64; MAX_CAMERAS],
-    /// Injected delay of the blobs, for tests of the time budgets, ns.
-    delay_ns: u64,
     /// Fields of no camera of the rig, or of another size.
     foreign: u64,
-    awake: Awake,
     /// Fields of the past that were passed over.
     passed_over: u64,
     /// Fields for which the outbox had no room.
@@ -67,12 +52,8 @@ struct FpgaModelShell {
 
 impl FpgaModelShell {
     fn open(config: &Config, extractors: Vec<CameraExtractor>) -> Result<Self> {
-        let (instance, mut shell) =
-            Shell::start(Process::FpgaModel, &config.shell).context("cannot start")?;
+        let (instance, shell) = Shell::start(Process::FpgaModel, &config.shell).context("cannot start")?;
         let (fields, blobs) = (instance.block_receiver()?, instance.sender()?);
-        shell.report.state = STATE_RUNNING;
-        shell.beat_now(now())?;
-        let delay_ns = (config.shell.inject_delay_ms.max(0.0) * 1e6) as u64;
         Ok(FpgaModelShell {
             shell,
             fields,
@@ -80,36 +61,11 @@ impl FpgaModelShell {
             extractors,
             outbox: Outbox::default(),
             newest: [0; MAX_CAMERAS],
-            delay_ns,
             foreign: 0,
-            awake: Awake::default(),
             passed_over: 0,
             no_room: 0,
             _instance: instance,
         })
-    }
-
-    /// After a sleep: passes over the fields that were due in it. Hardware does not send what is
-    /// past.
-    fn wake(&mut self) -> Result<()> {
-        let at = now();
-        let Some(slept_ns) = self.awake.slept(at) else { return Ok(()) };
-        let (past, before) = (at.saturating_sub(FIELD_PERIOD_NS), self.passed_over);
-        while self.outbox.due_ns().is_some_and(|due| due < past) && self.outbox.take(past).is_some() {
-            self.passed_over += 1;
-        }
-        while let Some(sample) = self.fields.receive()? {
-            if sample.header().read_out_ns() + self.delay_ns < past {
-                self.passed_over += 1;
-            } else {
-                self.take(&sample)?;
-            }
-        }
-        let passed_over = self.passed_over - before;
-        if passed_over > 0 {
-            tracing::warn!("slept for {:.1} s: {passed_over} fields passed over", slept_ns as f64 * 1e-9);
-        }
-        Ok(())
     }
 
     /// Scans the fields received.
@@ -136,7 +92,7 @@ impl FpgaModelShell {
         }
         *newest = header.field;
         let mut field = BlobField::zeroed();
-        let due_ns = extractor.extract(header, &picture, &mut field) + self.delay_ns;
+        let due_ns = extractor.extract(header, &picture, &mut field) + self.shell.delay_ns();
         if !self.outbox.put(due_ns, &field) {
             self.no_room += 1;
         }
@@ -164,34 +120,44 @@ impl FpgaModelShell {
         }
         Ok(())
     }
+}
 
-    /// Sleeps until a field comes or one is due.
-    fn rest(&self) {
-        let due: Nanos = self.outbox.due_ns().unwrap_or(u64::MAX);
-        let left = due.saturating_sub(now());
-        if left <= FINE_NS {
-            sleep_until(due);
-        } else {
-            let bound = (left - FINE_NS / 2).min(MAX_WAIT_MS * 1_000_000);
-            wait(&[&self.fields, self.shell.control()], bound);
-        }
+impl Work<anyhow::Error> for FpgaModelShell {
+    fn shell(&mut self) -> &mut Shell {
+        &mut self.shell
     }
 
-    /// Serves requests and the heartbeat. Pause and start concern the source of the fields: those
-    /// that it has sent are on their way.
-    fn serve(&mut self) -> Result<()> {
-        while let Some((request, command)) = self.shell.serve(now())? {
-            let answer = match command {
-                Command::Pause | Command::Start => Ok(()),
-                Command::Reset | Command::Load => {
-                    self.outbox.clear();
-                    while self.fields.receive()?.is_some() {}
-                    Ok(())
-                }
-                _ => Err("the camera hardware knows start, pause, reset and load only"),
-            };
-            self.shell.answer(&request, answer)?;
+    /// Until a field comes or one is due.
+    fn rest(&mut self) {
+        self.shell.rest_to(&[&self.fields], self.outbox.due_ns().unwrap_or(Nanos::MAX));
+    }
+
+    /// Hardware does not send what is past.
+    fn slept(&mut self, _slept_ns: u64) -> Result<u64> {
+        let (past, before) = (now().saturating_sub(FIELD_PERIOD_NS), self.passed_over);
+        while self.outbox.due_ns().is_some_and(|due| due < past) && self.outbox.take(past).is_some() {
+            self.passed_over += 1;
         }
-        Ok(())
+        while let Some(sample) = self.fields.receive()? {
+            if sample.header().read_out_ns() + self.shell.delay_ns() < past {
+                self.passed_over += 1;
+            } else {
+                self.take(&sample)?;
+            }
+        }
+        Ok(self.passed_over - before)
+    }
+
+    fn turn(&mut self, _woken: Nanos) -> Result<()> {
+        self.take_fields()?;
+        self.send_due()
+    }
+
+    /// Pause and start concern the source of the fields: those that it has sent are on their way.
+    fn execute(&mut self, command: Command, _argument: u64) -> Result<Served> {
+        let (Command::Reset | Command::Load) = command else { return Ok(Served::NothingToDo) };
+        self.outbox.clear();
+        while self.fields.receive()?.is_some() {}
+        Ok(Served::Done)
     }
 }

@@ -1,4 +1,4 @@
-//! The loop: a new scene or the display wakes it, it draws one stereo frame with the newest pose,
+//! The process: a new scene or the display wakes it, it draws one stereo frame with the newest pose,
 //! and publishes the frame's instants.
 
 mod held;
@@ -25,8 +25,8 @@ use anyhow::{Context, Result};
 use bytemuck::Zeroable;
 use held::Held;
 use ipc::clock::{now, sleep_until};
-use ipc::shell::Shell;
-use ipc::{BlockReceiver, BlockSender, Instance, Queue, Receiver, Sender, instance_directory, wait};
+use ipc::shell::{Served, Shell, Work};
+use ipc::{BlockReceiver, BlockSender, Instance, Queue, Receiver, Sender, instance_directory};
 use protocol::bindings::next_steps;
 use protocol::budget::{Budgets, Stage};
 use protocol::control::Command;
@@ -34,8 +34,8 @@ use protocol::frames::{
     BELOW_FLOOR, DEVICE_CLOCK, DISPLAY_ESTIMATED, FrameRecord, PICTURE_HELD, PictureHeader, TIER_CHANGED,
     TRACKING_LOST_SHOWN,
 };
-use protocol::health::{Process, STATE_RUNNING};
-use protocol::limits::{MAX_PICTURE_BYTES, MAX_WAIT_MS};
+use protocol::health::Process;
+use protocol::limits::MAX_PICTURE_BYTES;
 use protocol::poses::TrackerFrame;
 use protocol::scene::SceneHeader;
 use protocol::time::Nanos;
@@ -55,9 +55,7 @@ pub fn run(config: &Config) -> Result<()> {
         let _ = setpriority_process(None, niceness);
     }
     let Some(mut process) = start(config)? else { return Ok(()) };
-    while !process.shell.stopping() {
-        process.turn()?;
-    }
+    ipc::shell::run(&mut process)?;
     process.finish()
 }
 
@@ -147,8 +145,7 @@ fn start(config: &Config) -> Result<Option<RendererShell>> {
 }
 
 impl RendererShell {
-    /// Opens files and channels, and sends the first heartbeat. It begins at `start_tier`, if that
-    /// is a tier it has prepared.
+    /// Opens files and channels. It begins at `start_tier`, if that is a tier it has prepared.
     fn open(
         config: &Config,
         (instance, shell): (Instance, Shell),
@@ -206,31 +203,13 @@ impl RendererShell {
             status_until: None,
             write_failed: false,
         };
-        process.shell.report.state = STATE_RUNNING;
         process.show_tier(false);
         process.renderer.set_arrangement(config.arrange);
         process.renderer.set_at_desk(config.desk);
         if !process.is_headless() {
             process.renderer.set_next_steps(&next_steps());
         }
-        process.shell.beat_now(now())?;
         Ok(process)
-    }
-
-    /// One turn: inputs, the newest scene, a frame where one is due, pictures, requests.
-    fn turn(&mut self) -> Result<()> {
-        self.serve_window()?;
-        let waits = self.waits_for_scene();
-        if waits {
-            self.wait();
-        }
-        let woken = now();
-        let fresh = self.take_scene()?;
-        if self.scene.is_some() && (fresh || !waits || self.is_idle(woken)) {
-            self.draw_when_ready(woken, waits)?;
-        }
-        self.publish_pictures()?;
-        self.serve_requests()
     }
 
     /// A GPU draws at the display's rate, with a newer prediction each time. A processor, which the
@@ -243,9 +222,8 @@ impl RendererShell {
         self.present.is_headless()
     }
 
-    /// Until a scene or a request comes, or for [`MAX_WAIT_MS`].
-    fn wait(&self) {
-        wait(&[&self.scenes, self.shell.control()], MAX_WAIT_MS * 1_000_000);
+    fn await_scene(&self) {
+        self.shell.rest(&[&self.scenes], Nanos::MAX);
     }
 
     /// True if a window, or a picture that is held and has to say so, has not been redrawn for
@@ -266,23 +244,18 @@ impl RendererShell {
                 let frame_start = if self.is_headless() { woken } else { now() };
                 self.draw_frame(frame_start, refreshed)?;
             }
-            Ready::NotNow => self.wait(),
+            Ready::NotNow => self.await_scene(),
             Ready::Closed => self.shell.stop(),
         }
         Ok(())
     }
 
-    /// Serves the window's events and updates what the user sees of them.
+    /// Serves the window's events.
     fn serve_window(&mut self) -> Result<()> {
         if self.present.is_closed() {
             self.shell.stop();
         }
-        self.user.forward_inputs(&mut self.present, now())?;
-        self.renderer.show_dose(&self.gpu, self.user.shows_dose());
-        if let Some(overlay) = self.user.take_overlay() {
-            self.renderer.set_overlay(&overlay.lines, overlay.hides_scene_text);
-        }
-        Ok(())
+        Ok(self.user.forward_inputs(&mut self.present, now())?)
     }
 
     /// Takes the newest scene in; true if one came since the last call and is valid.
@@ -300,12 +273,21 @@ impl RendererShell {
         Ok(true)
     }
 
+    /// What is to be seen over the scene: that it is held, the user's overlay, the dose of light.
+    fn lay_over(&mut self, at: Nanos) {
+        if let Some(mark) = self.held.new_mark(at, self.user.is_paused()) {
+            self.renderer.set_held(&mark);
+        }
+        if let Some(overlay) = self.user.take_overlay() {
+            self.renderer.set_overlay(&overlay.lines, overlay.hides_scene_text);
+        }
+        self.renderer.show_dose(&self.gpu, self.user.shows_dose());
+    }
+
     /// One stereo frame: records commands, latches the newest pose, submits, waits, presents.
     fn draw_frame(&mut self, frame_start: Nanos, refreshed: Nanos) -> Result<()> {
         let tier = self.governor.tier_index();
-        if let Some(mark) = self.held.new_mark(frame_start, self.user.is_paused()) {
-            self.renderer.set_held(&mark);
-        }
+        self.lay_over(frame_start);
         if self.lose_device_after == Some(self.frame) {
             self.gpu.device.destroy();
         }
@@ -390,35 +372,6 @@ impl RendererShell {
         if self.present.refresh_ns().is_none() { self.scenes.counts().lost } else { 0 }
     }
 
-    /// Fills the heartbeat in and answers requests.
-    fn serve_requests(&mut self) -> Result<()> {
-        let (scenes, poses) = (self.scenes.counts(), self.poses.counts());
-        let report = &mut self.shell.report;
-        report.received = scenes.received + poses.received;
-        report.sent = self.frames.sent();
-        report.lost = self.output.dropped;
-        while let Some((request, command)) = self.shell.serve(now())? {
-            match command {
-                Command::Pause => self.user.pause(true),
-                Command::Start => self.user.pause(false),
-                Command::Help => self.user.show_help(request.argument == 1),
-                Command::Flush => self.held.end(),
-                _ => {}
-            }
-            let answer = match command {
-                Command::Snapshot if self.keeps_last => {
-                    self.snapshot = true;
-                    Ok(())
-                }
-                Command::Snapshot => Err("no folder for stills: start with --stills DIR"),
-                // It has no other state to pause or reset: it draws any scene that comes.
-                _ => Ok(()),
-            };
-            self.shell.answer(&request, answer)?;
-        }
-        Ok(())
-    }
-
     /// Puts tier and reason into the next heartbeat and, for [`STATUS_NS`], onto the picture.
     fn show_tier(&mut self, changed: bool) {
         let (index, t, reason) = (self.governor.tier_index(), self.governor.tier(), self.governor.reason());
@@ -432,5 +385,48 @@ impl RendererShell {
         if !self.write_failed {
             self.shell.set_text(&text);
         }
+    }
+}
+
+impl Work<anyhow::Error> for RendererShell {
+    fn shell(&mut self) -> &mut Shell {
+        &mut self.shell
+    }
+
+    fn rest(&mut self) {
+        if self.waits_for_scene() {
+            self.await_scene();
+        }
+    }
+
+    /// The newest scene, a frame where one is due, pictures; then the window, which is not to stand
+    /// between a scene and its picture.
+    fn turn(&mut self, woken: Nanos) -> Result<()> {
+        let waited = self.waits_for_scene();
+        let fresh = self.take_scene()?;
+        if self.scene.is_some() && (fresh || !waited || self.is_idle(woken)) {
+            self.draw_when_ready(woken, waited)?;
+        }
+        self.publish_pictures()?;
+        let report = &mut self.shell.report;
+        report.received = self.scenes.counts().received + self.poses.counts().received;
+        report.sent = self.frames.sent();
+        report.lost = self.output.dropped;
+        self.serve_window()
+    }
+
+    /// It has no state to reset: it draws any scene that comes.
+    fn execute(&mut self, command: Command, argument: u64) -> Result<Served> {
+        match command {
+            Command::Pause | Command::Start => self.user.pause(command == Command::Pause),
+            Command::Help => self.user.show_help(argument == 1),
+            Command::Flush => self.held.end(),
+            Command::Snapshot if self.keeps_last => self.snapshot = true,
+            Command::Snapshot => {
+                return Ok(Served::Refused("no folder for stills: start with --stills DIR".into()));
+            }
+            _ => return Ok(Served::NothingToDo),
+        }
+        Ok(Served::Done)
     }
 }

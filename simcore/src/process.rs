@@ -1,4 +1,4 @@
-//! The loop: poses, handles and pedal in; steps, scene, events and checkpoints out. The only module
+//! The process: poses, handles and pedal in; steps, scene, events and checkpoints out. The only module
 //! that knows the transport and the clock.
 
 mod resuming;
@@ -11,13 +11,12 @@ use anyhow::Context;
 use collision::backend::Backend;
 use ipc::awake::Awake;
 use ipc::clock::now;
-use ipc::shell::Shell;
+use ipc::shell::{Served, Shell, Work};
 use ipc::{BlockSender, Instance, IpcError, Queue, Receiver, Sender, wait};
 use protocol::control::Command;
 use protocol::events::{Event, EventKind, NO_INSTRUMENT};
 use protocol::handles::{HandleState, PedalState};
-use protocol::health::{Process, STATE_RUNNING};
-use protocol::limits::MAX_WAIT_MS;
+use protocol::health::Process;
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
 use protocol::scene::SceneHeader;
@@ -42,32 +41,51 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         resuming::await_journal(file, &shell)?;
         simcore.resume(&mut world, file)?;
     }
-    shell.report.state = STATE_RUNNING;
-    shell.beat_now(now())?;
-    let (mut paused, mut awake) = (false, Awake::default());
-    while !shell.stopping() {
-        // Handles and pedal are taken with the next pose: they need not wake this process.
-        wait(&[&simcore.poses, shell.control()], MAX_WAIT_MS * 1_000_000);
-        if let Some((request, command)) = shell.serve(now())? {
-            let mut result = Ok(());
-            match command {
-                Command::Start => paused = false,
-                Command::Pause => paused = true,
-                Command::Reset => simcore.reset(&mut world)?,
-                Command::Load => result = simcore.load(&mut world, args).map_err(|e| format!("{e:#}")),
-                Command::Snapshot => result = Err("the simulation takes no pictures".into()),
-                _ => {}
-            }
-            shell.answer(&request, result.as_ref().map(|_| ()).map_err(String::as_str))?;
-        }
-        while let Some(frame) = simcore.next_pose(&world, awake.slept(now()))? {
-            if !paused {
-                simcore.step(&mut world, &frame, &shell)?;
-            }
-        }
-        simcore.report(&mut shell, &world);
+    ipc::shell::run(&mut Simulation { shell, simcore, world, args, paused: false, awake: Awake::default() })
+}
+
+/// The process: the world, and its shell.
+struct Simulation<'a> {
+    shell: Shell,
+    simcore: SimcoreShell,
+    world: World,
+    args: &'a Args,
+    paused: bool,
+    /// Watches the poses of a turn one by one: those that come while this process sleeps over one of them,
+    /// or loads a scene, are past for the next.
+    awake: Awake,
+}
+
+impl Work<anyhow::Error> for Simulation<'_> {
+    fn shell(&mut self) -> &mut Shell {
+        &mut self.shell
     }
-    Ok(())
+
+    /// Until a pose comes. Handles and pedal are taken with it: they need not wake this process.
+    fn rest(&mut self) {
+        self.shell.rest(&[&self.simcore.poses], Nanos::MAX);
+    }
+
+    fn turn(&mut self, _woken: Nanos) -> anyhow::Result<()> {
+        let Simulation { shell, simcore, world, awake, .. } = self;
+        while let Some(frame) = simcore.next_pose(world, awake.slept(now()))? {
+            if !self.paused {
+                simcore.step(world, &frame, shell)?;
+            }
+        }
+        simcore.report(shell, world);
+        Ok(())
+    }
+
+    fn execute(&mut self, command: Command, _argument: u64) -> anyhow::Result<Served> {
+        match command {
+            Command::Start | Command::Pause => self.paused = command == Command::Pause,
+            Command::Reset => self.simcore.reset(&mut self.world)?,
+            Command::Load => return Ok(Served::of(self.simcore.load(&mut self.world, self.args))),
+            _ => return Ok(Served::NothingToDo),
+        }
+        Ok(Served::Done)
+    }
 }
 
 /// Chooses the back end for collisions, and logs it.

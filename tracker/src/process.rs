@@ -6,17 +6,17 @@ use crate::report::Report;
 use crate::rig_check;
 use crate::tracker::{Tracker, close, stamp};
 use anyhow::Context;
-use ipc::awake::Awake;
 use ipc::clock::now;
-use ipc::shell::Shell;
-use ipc::{Queue, Receiver, Sender, wait};
+use ipc::shell::{Served, Shell, Work};
+use ipc::{Queue, Receiver, Sender};
 use protocol::blobs::BlobField;
 use protocol::control::Command;
-use protocol::health::{Process, STATE_DEGRADED, STATE_RUNNING};
-use protocol::limits::{FIELD_PERIOD_NS, MAX_FIELDS_USED, MAX_WAIT_MS};
+use protocol::health::{Process, STATE_DEGRADED};
+use protocol::limits::{FIELD_PERIOD_NS, MAX_FIELDS_USED};
 use protocol::message::Message;
 use protocol::poses::{ClosedBy, TrackerFrame};
 use protocol::rig::Rig;
+use protocol::time::Nanos;
 use std::collections::VecDeque;
 
 /// Runs the tracker until it is asked to stop.
@@ -24,14 +24,7 @@ use std::collections::VecDeque;
 /// # Errors
 /// A rig that cannot be read or cannot work; a channel that cannot be opened or fails.
 pub fn run(config: &Config) -> anyhow::Result<()> {
-    let mut process = TrackerProcess::start(config)?;
-    while !process.shell.stopping() {
-        process.wait();
-        process.receive_fields()?;
-        process.report();
-        process.serve_control()?;
-    }
-    Ok(())
+    ipc::shell::run(&mut TrackerProcess::start(config)?)
 }
 
 struct TrackerProcess {
@@ -43,7 +36,6 @@ struct TrackerProcess {
     told: Report,
     /// Frames that were not valid and were not sent.
     withheld: u64,
-    awake: Awake,
     /// The newest fields that came during a sleep.
     newest: VecDeque<BlobField>,
     /// Fields passed over after a sleep.
@@ -55,7 +47,7 @@ impl TrackerProcess {
         let rig = Rig::load_or_shipped(config.rig.as_deref()).context("--rig")?;
         rig_check::check(&rig).context("this rig cannot work")?;
         let (instance, shell) = Shell::start(Process::Tracker, &config.shell).context("cannot start")?;
-        let mut process = TrackerProcess {
+        Ok(TrackerProcess {
             blobs: instance.receiver(Queue::InOrder)?,
             poses: instance.sender()?,
             shell,
@@ -63,58 +55,13 @@ impl TrackerProcess {
             tracker: Tracker::with(&rig, !config.fixed_rig),
             told: Report::default(),
             withheld: 0,
-            awake: Awake::default(),
             newest: VecDeque::with_capacity(MAX_FIELDS_USED),
             passed_over: 0,
-        };
-        process.shell.report.state = STATE_RUNNING;
-        process.shell.beat_now(now())?;
-        Ok(process)
-    }
-
-    /// Waits for a message, at most until the assembler's next deadline.
-    fn wait(&self) {
-        let (longest, at) = (MAX_WAIT_MS * 1_000_000, now());
-        // A poll rounds up to whole milliseconds of its own accord.
-        let timeout_ns = self.assembler.deadline(at).map_or(longest, |d| d.saturating_sub(at).min(longest));
-        wait(&[&self.blobs, self.shell.control()], timeout_ns);
-    }
-
-    /// After a sleep: passes over the fields of the past, so that no pose of it goes out as the
-    /// present. They count as lost, and are told.
-    fn wake(&mut self) -> anyhow::Result<()> {
-        let Some(slept_ns) = self.awake.slept(now()) else { return Ok(()) };
-        let mut passed_over = self.assembler.pass_over();
-        while let Some(field) = self.blobs.next_valid()? {
-            if self.newest.len() == MAX_FIELDS_USED {
-                self.newest.pop_front();
-                passed_over += 1;
-            }
-            self.newest.push_back(field);
-        }
-        let newest_ns = self.newest.iter().map(|f| f.exposed_ns).max().unwrap_or(0);
-        let at = now();
-        for field in self.newest.drain(..) {
-            // Those of the newest frame; their cameras expose within a period.
-            if field.exposed_ns + FIELD_PERIOD_NS <= newest_ns {
-                passed_over += 1;
-            } else {
-                let _ = self.assembler.push(&field, at);
-            }
-        }
-        while let Some(closed) = self.assembler.complete(at) {
-            self.publish(&closed)?;
-        }
-        self.passed_over += passed_over;
-        if passed_over > 0 {
-            tracing::warn!("slept for {:.1} s: {passed_over} fields passed over", slept_ns as f64 * 1e-9);
-        }
-        Ok(())
+        })
     }
 
     /// Takes in all fields that have arrived, and closes frames.
     fn receive_fields(&mut self) -> anyhow::Result<()> {
-        self.wake()?;
         while let Some(field) = self.blobs.next_valid()? {
             let at = now();
             // The assembler counts refusals; the count is published with every frame.
@@ -166,31 +113,58 @@ impl TrackerProcess {
         let fields = u64::from(self.assembler.refused());
         report.refused = blobs.refused + fields + self.tracker.blobs_refused() + self.withheld;
     }
+}
 
-    fn serve_control(&mut self) -> anyhow::Result<()> {
-        let Some((request, command)) = self.shell.serve(now())? else { return Ok(()) };
-        let result = self.execute(command)?;
-        Ok(self.shell.answer(&request, result.as_ref().map_err(String::as_str).copied())?)
+impl Work<anyhow::Error> for TrackerProcess {
+    fn shell(&mut self) -> &mut Shell {
+        &mut self.shell
     }
 
-    /// Executes a command; the inner `Err` is the reason for a refusal.
-    fn execute(&mut self, command: Command) -> anyhow::Result<Result<(), String>> {
-        match command {
-            Command::Reset | Command::Load => {
-                self.reset_tracker();
-                self.assembler.reset();
+    /// Until a field comes, at most until the assembler's next deadline. A field that comes just
+    /// before it is in time.
+    fn rest(&mut self) {
+        self.shell.rest(&[&self.blobs], self.assembler.deadline(now()).unwrap_or(Nanos::MAX));
+    }
+
+    /// No pose of the past goes out as the present.
+    fn slept(&mut self, _slept_ns: u64) -> anyhow::Result<u64> {
+        let mut passed_over = self.assembler.pass_over();
+        while let Some(field) = self.blobs.next_valid()? {
+            if self.newest.len() == MAX_FIELDS_USED {
+                self.newest.pop_front();
+                passed_over += 1;
             }
-            Command::Start | Command::Pause | Command::Ping | Command::Flush | Command::Shutdown => {}
-            Command::Snapshot | Command::Next | Command::Help => {
-                return Ok(Err("the tracker has neither picture nor levels".to_owned()));
+            self.newest.push_back(field);
+        }
+        let newest_ns = self.newest.iter().map(|f| f.exposed_ns).max().unwrap_or(0);
+        let at = now();
+        for field in self.newest.drain(..) {
+            // Those of the newest frame; their cameras expose within a period.
+            if field.exposed_ns + FIELD_PERIOD_NS <= newest_ns {
+                passed_over += 1;
+            } else {
+                let _ = self.assembler.push(&field, at);
             }
         }
-        Ok(Ok(()))
+        while let Some(closed) = self.assembler.complete(at) {
+            self.publish(&closed)?;
+        }
+        self.passed_over += passed_over;
+        Ok(passed_over)
     }
 
-    fn reset_tracker(&mut self) {
+    fn turn(&mut self, _woken: Nanos) -> anyhow::Result<()> {
+        self.receive_fields()?;
+        self.report();
+        Ok(())
+    }
+
+    fn execute(&mut self, command: Command, _argument: u64) -> anyhow::Result<Served> {
+        let (Command::Reset | Command::Load) = command else { return Ok(Served::NothingToDo) };
         self.tracker.reset();
         self.told.reset();
+        self.assembler.reset();
+        Ok(Served::Done)
     }
 }
 

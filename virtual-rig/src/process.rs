@@ -1,6 +1,6 @@
 //! The virtual rig's process: channels, timeline, control requests and heartbeat.
 //!
-//! It either simulates the cameras (`simulation`) or plays a recorded stream of blobs (`playback`).
+//! Its fields come from simulated cameras (`simulation`) or from a recorded stream of blobs (`playback`).
 
 mod controls;
 mod kept;
@@ -15,22 +15,20 @@ use crate::config::Config;
 use crate::playback::BlobPlayback;
 use anyhow::{Context, Result, ensure};
 use controls::Controls;
-use ipc::awake::Awake;
-use ipc::clock::{now, sleep_until};
-use ipc::shell::Shell;
-use ipc::{Instance, Sender, wait};
+use ipc::clock::now;
+use ipc::shell::{Served, Shell, Work};
+use ipc::{Instance, Sender};
 use kept::{Keeper, Standing};
 use perception::PerceptionInput;
+use playback::Playback;
 use protocol::blobs::BlobField;
 use protocol::control::Command;
 use protocol::health::{Process, STATE_FINISHED, STATE_RUNNING};
-use protocol::limits::MAX_WAIT_MS;
 use protocol::rig::Rig;
+use protocol::time::Nanos;
 use surgeon::ScriptedSurgeon;
 use timeline::Timeline;
 
-/// Time before a deadline from which on requests are not served, ns.
-const FINE_NS: u64 = 1_000_000;
 /// Runs the virtual rig until it is stopped.
 ///
 /// # Errors
@@ -44,22 +42,21 @@ pub fn run(config: &Config) -> Result<()> {
     }
     match &config.blobs {
         Some(path) => {
-            let playback = BlobPlayback::load(path, &rig).context("--blobs")?;
-            VirtualRigShell::open(config, &rig, surgeon)?.play(&playback)
+            let stream = BlobPlayback::load(path, &rig).context("--blobs")?;
+            let playback = Playback { stream, next: 0, beats: 0 };
+            VirtualRigShell::open(config, &rig, surgeon)?.run(playback).map(drop)
         }
         None => simulation::run(config, &rig, surgeon),
     }
 }
 
-/// Cause of the end of a wait.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Wake {
-    /// The instant has come.
-    Due,
-    /// The schedule starts again.
-    Restart,
-    /// The process ends.
-    Stop,
+/// Where the fields come from.
+trait Source {
+    /// Puts out what is due; returns when to go on, ns after the start.
+    fn advance(&mut self, rig: &mut VirtualRigShell) -> Result<u64>;
+
+    /// Starts again with the first field.
+    fn restart(&mut self);
 }
 
 /// Channels and state of the process.
@@ -72,14 +69,11 @@ struct VirtualRigShell {
     config: Config,
     rig: Rig,
     timeline: Timeline,
-    /// Injected delay of fields and controls, for tests of the time budgets, ns.
-    delay_ns: u64,
     duration_ns: u64,
     /// Keeps how the script stands, for a successor.
     keeper: Keeper,
     /// Time that had passed when the predecessor was killed, ns after the start.
     resumed_at: Option<u64>,
-    awake: Awake,
     /// Note on the state.
     note: &'static str,
     /// Summary of the faults.
@@ -99,20 +93,18 @@ impl VirtualRigShell {
             blobs: instance.sender()?,
             controls: Controls::open(&instance)?,
             perception: reacts.then(|| PerceptionInput::open(&instance, goals)).transpose()?,
+            note: surgeon.note,
             surgeon,
             config: config.clone(),
             rig: rig.clone(),
             timeline: Timeline::default(),
-            delay_ns: (config.shell.inject_delay_ms.max(0.0) * 1e6) as u64,
             duration_ns: config.duration.map_or(u64::MAX, |s| (s * 1e9) as u64),
             keeper: Keeper::open(instance.directory()).context("the instance's directory")?,
             resumed_at: None,
-            awake: Awake::default(),
-            note: "",
             text: String::with_capacity(256),
             instance,
         };
-        shell.enter(STATE_RUNNING, shell.surgeon.note)?;
+        shell.report_text();
         shell.timeline.restart(now());
         if let Some((time_ns, standing)) = resumed {
             shell.go_on(time_ns, standing);
@@ -121,6 +113,13 @@ impl VirtualRigShell {
         }
         shell.keep();
         Ok(shell)
+    }
+
+    /// Puts out what a source gives until the process is stopped; returns the source.
+    fn run<S: Source>(self, source: S) -> Result<S> {
+        let mut process = VirtualRig { rig: self, source, until_ns: None };
+        ipc::shell::run(&mut process)?;
+        Ok(process.source)
     }
 
     /// Goes on where the predecessor stood. The time without a rig is one in which nothing went on.
@@ -155,83 +154,22 @@ impl VirtualRigShell {
         self.shell.set_text(&format!("{}{between}{}", self.note, self.text));
     }
 
-    /// Waits until `offset_ns` after the start and serves requests; a pause moves the start.
-    fn wait_for(&mut self, offset_ns: u64) -> Result<Wake> {
-        loop {
-            if self.serve()? {
-                return Ok(Wake::Restart);
-            }
-            if self.shell.stopping() {
-                return Ok(Wake::Stop);
-            }
-            let due = self.timeline.instant(offset_ns);
-            let left = due.saturating_sub(now());
-            if left <= FINE_NS {
-                sleep_until(due);
-                return Ok(Wake::Due);
-            }
-            wait(&[self.shell.control()], (left - FINE_NS / 2).min(MAX_WAIT_MS * 1_000_000));
-        }
-    }
-
-    /// Reports the end `offset_ns` after the start, then serves requests until a restart or a stop.
-    fn finish(&mut self, offset_ns: u64) -> Result<Wake> {
-        let wake = self.wait_for(offset_ns)?;
-        if wake != Wake::Due {
-            return Ok(wake);
-        }
-        self.enter(STATE_FINISHED, "finished")?;
-        let wake = self.wait_for(u64::MAX)?;
-        if wake == Wake::Restart {
-            self.enter(STATE_RUNNING, self.surgeon.note)?;
-        }
-        Ok(wake)
-    }
-
-    /// Serves requests and the heartbeat; true if the schedule starts again.
-    fn serve(&mut self) -> Result<bool> {
-        let mut restart = false;
-        if let Some(slept_ns) = self.awake.slept(now()) {
-            // The hand stood still with the rig that moves it.
-            self.timeline.shift(slept_ns);
-            tracing::warn!("slept for {:.1} s", slept_ns as f64 * 1e-9);
-        }
-        while let Some((request, command)) = self.shell.serve(now())? {
-            let done = self.execute(command, request.argument);
-            restart |= done.is_ok() && matches!(command, Command::Reset | Command::Load);
-            self.shell.answer(&request, done.as_ref().map_err(String::as_str).copied())?;
-            self.keep();
-            // What a command takes is no sleep.
-            self.awake = Awake::default();
-        }
-        Ok(restart)
-    }
-
-    /// Executes a command; the error is the reason of a refusal.
-    fn execute(&mut self, command: Command, argument: u64) -> Result<(), String> {
-        match command {
-            Command::Pause => self.timeline.pause(now()),
-            Command::Start => self.timeline.resume(now()),
-            Command::Reset => self.restart(),
-            // The surgeon of the scene file is loaded again; a duration of 0 ms keeps the present
-            // one.
-            Command::Load => {
-                let loaded = ScriptedSurgeon::load(&self.config, &self.rig);
-                self.surgeon = loaded.map_err(|problem| format!("{problem:#}"))?;
-                if argument > 0 {
-                    self.duration_ns = argument * 1_000_000;
-                }
-                self.restart();
-            }
-            _ => return Err("the virtual rig knows start, pause, reset and load only".into()),
+    /// Loads the surgeon of the scene file again; a duration of 0 ms keeps the present one.
+    fn load(&mut self, duration_ms: u64) -> Result<()> {
+        self.surgeon = ScriptedSurgeon::load(&self.config, &self.rig)?;
+        if duration_ms > 0 {
+            self.duration_ns = duration_ms * 1_000_000;
         }
         Ok(())
     }
 
-    /// Starts the schedule and the surgeon again.
-    fn restart(&mut self) {
-        self.surgeon.motion = self.surgeon.fresh.clone();
-        self.timeline.restart(now());
+    /// Nothing more comes, which is told `offset_ns` after the start; returns when to go on.
+    fn finish(&mut self, offset_ns: u64) -> Result<u64> {
+        if now() < self.timeline.instant(offset_ns) {
+            return Ok(offset_ns);
+        }
+        self.enter(STATE_FINISHED, "finished")?;
+        Ok(u64::MAX)
     }
 
     /// Enters a state and sends the heartbeat at once.
@@ -240,5 +178,73 @@ impl VirtualRigShell {
         self.note = note;
         self.report_text();
         Ok(self.shell.beat_now(now())?)
+    }
+}
+
+/// The process: a source of fields and the shell around it.
+struct VirtualRig<S> {
+    rig: VirtualRigShell,
+    source: S,
+    /// Until when the source waits, ns after the start; `None` to go on at once.
+    until_ns: Option<u64>,
+}
+
+impl<S: Source> VirtualRig<S> {
+    /// Until when the source waits; a pause has no end.
+    fn due(&self) -> Nanos {
+        self.until_ns.map_or(0, |offset_ns| self.rig.timeline.instant(offset_ns))
+    }
+
+    /// Starts schedule and surgeon again. The source goes on at once, ahead of its first field.
+    fn restart(&mut self) -> Result<()> {
+        let VirtualRig { rig, source, until_ns } = self;
+        rig.surgeon.motion = rig.surgeon.fresh.clone();
+        rig.timeline.restart(now());
+        source.restart();
+        *until_ns = None;
+        if rig.shell.report.state == STATE_FINISHED {
+            rig.enter(STATE_RUNNING, rig.surgeon.note)
+        } else {
+            Ok(())
+        }
+    }
+}
+
+impl<S: Source> Work<anyhow::Error> for VirtualRig<S> {
+    fn shell(&mut self) -> &mut Shell {
+        &mut self.rig.shell
+    }
+
+    fn rest(&mut self) {
+        self.rig.shell.rest_to(&[], self.due());
+    }
+
+    /// The hand stood still with the rig that moves it.
+    fn slept(&mut self, slept_ns: u64) -> Result<u64> {
+        self.rig.timeline.shift(slept_ns);
+        tracing::warn!("slept for {:.1} s", slept_ns as f64 * 1e-9);
+        Ok(0)
+    }
+
+    fn turn(&mut self, woken: Nanos) -> Result<()> {
+        if woken >= self.due() {
+            self.until_ns = Some(self.source.advance(&mut self.rig)?);
+        }
+        Ok(())
+    }
+
+    fn execute(&mut self, command: Command, argument: u64) -> Result<Served> {
+        match command {
+            Command::Pause => self.rig.timeline.pause(now()),
+            Command::Start => self.rig.timeline.resume(now()),
+            Command::Reset => self.restart()?,
+            Command::Load => match self.rig.load(argument) {
+                Ok(()) => self.restart()?,
+                refused => return Ok(Served::of(refused)),
+            },
+            _ => return Ok(Served::NothingToDo),
+        }
+        self.rig.keep();
+        Ok(Served::Done)
     }
 }

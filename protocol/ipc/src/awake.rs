@@ -21,6 +21,11 @@ impl Awake {
         self.last_ns = now;
         slept.then_some(since_ns)
     }
+
+    /// So much of the present turn is no sleep, ns.
+    pub fn excuse(&mut self, busy_ns: u64) {
+        self.last_ns += busy_ns;
+    }
 }
 
 #[cfg(test)]
@@ -32,5 +37,7 @@ mod tests {
         let mut awake = Awake::default();
         let told = [9_000_000_000, 9_005_000_000, 9_204_999_999, 9_404_999_999, 9_410_000_000];
         assert_eq!(told.map(|at| awake.slept(at)), [None, None, None, Some(SLEPT_NS), None]);
+        awake.excuse(150_000_000);
+        assert_eq!(awake.slept(9_700_000_000), None);
     }
 }

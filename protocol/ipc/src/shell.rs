@@ -1,15 +1,25 @@
-//! What the shells of the processes share: arguments, stop signals, heartbeat and control.
+//! What the shells of the processes share: arguments, stop signals, heartbeat and control; and
+//! [`run`], the one loop, in which a process does its [`Work`].
 
+mod run;
+
+pub use run::{Served, Work, run};
+
+use crate::awake::Awake;
 use crate::clock::{now, sleep_until};
 use crate::logging::LogArgs;
-use crate::{Instance, IpcError, Queue, Receiver, Sender, Wakes};
+use crate::{Instance, IpcError, MAX_SOURCES, Queue, Receiver, Sender, Wakes, wait};
 use protocol::control::{Answer, Command, Request};
 use protocol::health::{Health, Process, STATE_STARTING};
-use protocol::limits::HEARTBEAT_NS;
+use protocol::limits::{HEARTBEAT_NS, MAX_WAIT_MS};
 use protocol::message::text_bytes;
 use protocol::time::Nanos;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Time before an instant from which on a process that rests to it is woken by nothing, ns: a wait
+/// for messages ends as it pleases the kernel, a sleep alone ends at the instant.
+const FINE_NS: u64 = 500_000;
 
 /// Arguments that every process takes.
 #[derive(Debug, Clone, clap::Args)]
@@ -37,6 +47,9 @@ pub struct Shell {
     answers: Sender<Answer>,
     delay_ns: u64,
     next_beat: Nanos,
+    awake: Awake,
+    /// The turn before served a command: another may wait whose notification is taken away already.
+    served: bool,
     /// The next heartbeat; the process keeps it up to date.
     pub report: Health,
 }
@@ -73,6 +86,8 @@ impl Shell {
             answers: instance.sender()?,
             delay_ns: (args.inject_delay_ms.max(0.0) * 1e6) as u64,
             next_beat: 0,
+            awake: Awake::default(),
+            served: false,
             report,
         };
         Ok((instance, shell))
@@ -105,12 +120,9 @@ impl Shell {
         self.health.send(&self.report)
     }
 
-    /// Sends the heartbeat if it is due, and returns the next command for this process.
-    /// `Shutdown` and `Ping` are served here; the others are the process's to serve and answer.
-    ///
-    /// # Errors
-    /// Where a channel fails.
-    pub fn serve(&mut self, at: Nanos) -> Result<Option<(Request, Command)>, IpcError> {
+    /// Sends the heartbeat if it is due, and returns the next command for this process. `Shutdown`
+    /// and `Ping` are served here.
+    fn next_command(&mut self, at: Nanos) -> Result<Option<(Request, Command)>, IpcError> {
         if at >= self.next_beat {
             self.beat_now(at)?;
         }
@@ -121,9 +133,10 @@ impl Shell {
             match Command::from_wire(request.command) {
                 Some(Command::Shutdown) => {
                     self.stop();
-                    self.answer(&request, Ok(()))?;
+                    self.answer(&request, None)?;
+                    return Ok(None);
                 }
-                Some(Command::Ping) => self.answer(&request, Ok(()))?,
+                Some(Command::Ping) => self.answer(&request, None)?,
                 Some(command) => return Ok(Some((request, command))),
                 None => {}
             }
@@ -131,19 +144,35 @@ impl Shell {
         Ok(None)
     }
 
-    /// Answers a request.
-    ///
-    /// # Errors
-    /// Where the channel fails.
-    pub fn answer(&mut self, request: &Request, result: Result<(), &str>) -> Result<(), IpcError> {
-        let text = text_bytes(result.err().unwrap_or(""));
-        let code = u32::from(result.is_err());
-        self.answers.send(&Answer { seq: request.seq, process: self.process as u32, result: code, text })
+    fn answer(&mut self, request: &Request, refusal: Option<&str>) -> Result<(), IpcError> {
+        let text = text_bytes(refusal.unwrap_or(""));
+        let result = u32::from(refusal.is_some());
+        self.answers.send(&Answer { seq: request.seq, process: self.process as u32, result, text })
     }
 
-    /// The channel of requests, to be waited on with the process's own.
-    pub fn control(&self) -> &dyn Wakes {
-        &self.control
+    /// Sleeps until one of `channels` or a request wakes it, at most until `until` and at most
+    /// [`MAX_WAIT_MS`].
+    ///
+    /// # Panics
+    /// With [`MAX_SOURCES`] channels and more.
+    pub fn rest(&self, channels: &[&dyn Wakes], until: Nanos) {
+        let longest_ns = if self.served { 0 } else { MAX_WAIT_MS * 1_000_000 };
+        let mut sources: [&dyn Wakes; MAX_SOURCES] = [&self.control; MAX_SOURCES];
+        sources[..channels.len()].copy_from_slice(channels);
+        wait(&sources[..=channels.len()], until.saturating_sub(now()).min(longest_ns));
+    }
+
+    /// The same for work that is due at an instant and not before: from half a millisecond before it on
+    /// nothing wakes it, and it ends at `due`.
+    ///
+    /// # Panics
+    /// With [`MAX_SOURCES`] channels and more.
+    pub fn rest_to(&self, channels: &[&dyn Wakes], due: Nanos) {
+        if due.saturating_sub(now()) <= FINE_NS {
+            sleep_until(due);
+        } else {
+            self.rest(channels, due - FINE_NS / 2);
+        }
     }
 
     /// Sleeps for the injected delay, if there is one.
@@ -151,5 +180,10 @@ impl Shell {
         if self.delay_ns > 0 {
             sleep_until(now() + self.delay_ns);
         }
+    }
+
+    /// The injected delay, ns, for a process that holds back what it sends.
+    pub fn delay_ns(&self) -> u64 {
+        self.delay_ns
     }
 }

@@ -8,7 +8,7 @@
 use super::controls::ControlSample;
 use super::output::{FieldTiming, Output};
 use super::surgeon::ScriptedSurgeon;
-use super::{VirtualRigShell, Wake};
+use super::{Source, VirtualRigShell};
 use crate::cameras::{Cameras, Path};
 use crate::config::{Config, LateCamera};
 use crate::faults::FaultInjector;
@@ -37,7 +37,7 @@ pub(super) fn run(config: &Config, rig: &Rig, surgeon: ScriptedSurgeon) -> Resul
     let log = config.fault_log.as_deref();
     let fault_log = log.map(|path| FaultLog::create(path, config.force.force)).transpose()?;
     let cameras = Cameras::with_faults(rig, path, config.seed, faults)?;
-    let mut shell = VirtualRigShell::open(config, rig, surgeon)?;
+    let shell = VirtualRigShell::open(config, rig, surgeon)?;
     let mut simulation = Simulation {
         output: Output::open(&shell.instance, path, cameras.payload_bytes())?,
         schedule: Schedule::of(&cameras),
@@ -52,7 +52,7 @@ pub(super) fn run(config: &Config, rig: &Rig, surgeon: ScriptedSurgeon) -> Resul
     if let Some(time_ns) = shell.resumed_at {
         simulation.schedule.go_on_after(time_ns);
     }
-    shell.simulate(&mut simulation)?;
+    let simulation = shell.run(simulation)?;
     let mut summary = String::new();
     simulation.cameras.tally.summary(&mut summary);
     if !summary.is_empty() {
@@ -85,8 +85,24 @@ impl Simulation {
         let send = self.output.blobs.due_ns().into_iter().chain(self.controls.map(|c| c.due_ns)).min();
         self.schedule.next(elapsed_ns, send, end_ns)
     }
+}
 
-    /// Starts again with field 0.
+impl Source for Simulation {
+    /// Sends what is due, then exposes fields until something has to be waited for.
+    fn advance(&mut self, rig: &mut VirtualRigShell) -> Result<u64> {
+        rig.send_due(self)?;
+        loop {
+            let elapsed_ns = rig.timeline.elapsed(now());
+            match self.next_action(elapsed_ns, rig.end_ns()) {
+                // A published field has its instants: none is exposed during a pause.
+                Action::Expose(_) if rig.timeline.is_paused() => return Ok(0),
+                Action::Expose(group) => rig.expose_group(self, group, elapsed_ns)?,
+                Action::Wait(until_ns) => return Ok(until_ns),
+                Action::Over => return rig.finish(self.last_due_ns + DRAIN_NS),
+            }
+        }
+    }
+
     fn restart(&mut self) {
         self.output.blobs.clear();
         self.schedule.reset();
@@ -95,28 +111,6 @@ impl Simulation {
 }
 
 impl VirtualRigShell {
-    /// Exposes fields and sends what is due, until a stop.
-    fn simulate(&mut self, simulation: &mut Simulation) -> Result<()> {
-        loop {
-            let elapsed = self.timeline.elapsed(now());
-            let wake = match simulation.next_action(elapsed, self.end_ns()) {
-                // A published field has its instants: none is exposed during a pause.
-                Action::Expose(_) if self.timeline.is_paused() => self.wait_for(0)?,
-                Action::Expose(group) => {
-                    self.expose_group(simulation, group, elapsed)?;
-                    continue;
-                }
-                Action::Wait(until) => self.wait_for(until)?,
-                Action::Over => self.finish(simulation.last_due_ns + DRAIN_NS)?,
-            };
-            match wake {
-                Wake::Stop => return Ok(()),
-                Wake::Restart => simulation.restart(),
-                Wake::Due => self.send_due(simulation)?,
-            }
-        }
-    }
-
     /// End of the exposures, ns after the start.
     fn end_ns(&self) -> u64 {
         let after = |s: f64| ((self.surgeon.motion.period_s() + s) * 1e9) as u64;
@@ -135,7 +129,7 @@ impl VirtualRigShell {
         }
         if group == 0 {
             let exposed_ns = simulation.schedule.0[group].clock.exposed_ns(number);
-            let due_ns = exposed_ns + simulation.schedule.0[group].out_after_ns + self.delay_ns;
+            let due_ns = exposed_ns + simulation.schedule.0[group].out_after_ns + self.shell.delay_ns();
             let controls = ControlSample::at(&mut self.surgeon.motion, exposed_ns, number, due_ns);
             simulation.controls = Some(controls);
             self.keeper.keep_time(exposed_ns);
@@ -155,7 +149,8 @@ impl VirtualRigShell {
         let id = cameras.id(i);
         let delivery = cameras.delivery(i, number);
         let late_ns = late.filter(|l| l.camera == id).map_or(0, |l| l.delay_ns) + delivery.delay_ns;
-        let due_ns = cameras.clock(i).exposed_ns(number) + cameras.out_after_ns(i) + late_ns + self.delay_ns;
+        let due_ns =
+            cameras.clock(i).exposed_ns(number) + cameras.out_after_ns(i) + late_ns + self.shell.delay_ns();
         let mut exposure = cameras.expose(i, &mut self.surgeon.motion, number);
         if delivery.dropped {
             return Ok(due_ns);
