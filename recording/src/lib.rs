@@ -21,6 +21,7 @@ mod chunks;
 mod data_section;
 mod descriptors;
 mod disk;
+mod items;
 mod note;
 mod protobuf;
 mod read;
@@ -39,8 +40,9 @@ mod disk_tests;
 #[cfg(test)]
 mod samples;
 
+pub use items::{Items, Place};
 pub use note::{Note, NoteKind};
-pub use read::{Items, Recording, states_incomparable};
+pub use read::{Recording, states_incomparable};
 pub use tracker_version::{TRACKER_DIGESTS, TRACKER_VERSION};
 pub use write::Writer;
 

@@ -14,6 +14,7 @@ use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
 use recording::{Item, NoteKind};
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// How far a consumed block may stand behind what consumed it, ns.
 pub const AHEAD_NS: u64 = 500_000_000;
@@ -34,19 +35,19 @@ pub struct FrameTurn {
 }
 
 /// What waits for its turn, with its place in time.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 enum Pending {
     Pose(Box<TrackerFrame>),
     Lost(String),
 }
 
 /// Frames that wait until all that they consumed has come.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Frames {
     horizon_ns: Nanos,
     ended: bool,
     pending: VecDeque<(Nanos, Pending)>,
-    fields: VecDeque<BlobField>,
+    fields: VecDeque<Arc<BlobField>>,
     last_frame: Option<u64>,
     /// Since the last loss no pose has been determined.
     undetermined: bool,
@@ -86,7 +87,7 @@ impl Frames {
                 if self.fields.len() == FIELDS_KEPT {
                     self.fields.pop_front();
                 }
-                self.fields.push_back(**field);
+                self.fields.push_back(Arc::new(**field));
             }
             Item::Poses(frame) => self.pending.push_back((at, Pending::Pose(frame.clone()))),
             Item::Note(note) if note.kind == NoteKind::Loss => self.note_loss(note.text.clone()),
@@ -154,11 +155,11 @@ impl Frames {
         self.undetermined |= self.fields_read == 0;
         let mut fields = Vec::with_capacity(frame.used().len());
         for used in frame.used() {
-            let is_it = |f: &BlobField| {
+            let is_it = |f: &Arc<BlobField>| {
                 (f.camera, f.field, f.exposed_ns) == (used.camera, used.field, used.exposed_ns)
             };
             match self.fields.iter().position(is_it).and_then(|i| self.fields.remove(i)) {
-                Some(field) => fields.push(field),
+                Some(field) => fields.push(*field),
                 None => {
                     self.lose_poses(|| format!("field {} of camera {} is missing", used.field, used.camera));
                 }

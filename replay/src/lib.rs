@@ -19,6 +19,7 @@ pub mod recorded_film;
 pub mod recover;
 pub mod report;
 pub mod resimulate;
+pub mod snapshot;
 pub mod steps;
 pub mod stop;
 pub mod trace;

@@ -89,7 +89,7 @@ const OWNERS: &[(&str, &[&str])] = &[
     ("wgpu", &["renderer", "collision"]),
     ("winit", &["renderer"]),
     ("mcap", &["recording"]),
-    ("bincode", &["simcore"]),
+    ("bincode", &["simcore", "tracker"]),
     ("evdev", &["desk"]),
     ("rusqlite", &["results"]),
     ("parquet", &["results"]),
