@@ -3,7 +3,7 @@
 
 use super::data_section::{DataSection, SectionPlace};
 use super::records::Records;
-use super::{Item, RecordingError, record};
+use super::{Item, RecordingError, channel_numbers, record};
 use mcap::records::Record;
 use protocol::time::Nanos;
 use std::collections::{HashMap, VecDeque};
@@ -137,7 +137,7 @@ impl Items {
 
     /// Where the chunk with the channels is lost, they are those that the writer makes.
     fn assume_channels(&mut self) {
-        let all = (1..).zip(Item::TOPICS);
+        let all = channel_numbers().zip(Item::TOPICS);
         self.topics = Arc::new(all.filter(|(_, topic)| self.wanted.contains(topic)).collect());
         self.channels_known = true;
     }
