@@ -101,10 +101,11 @@ impl Recorded {
     ) -> anyhow::Result<ControlFlow<()>> {
         let mut flow = ControlFlow::Continue(());
         while flow.is_continue()
-            && let Some(turn) = self.frames.next_turn()
+            && let Some(mut turn) = self.frames.next_turn()
         {
             let made = match &mut self.tracker {
                 Some((tracker, told)) => {
+                    go_on_over_a_gap(tracker, &mut turn, &mut self.frames);
                     let made = track(tracker, &turn);
                     told.tell(tracker);
                     &{ made }
@@ -120,6 +121,13 @@ impl Recorded {
         }
         Ok(flow)
     }
+}
+
+/// Gives the tracker what it knew before this frame, where a gap lies before it.
+fn go_on_over_a_gap(tracker: &mut Tracker, turn: &mut FrameTurn, frames: &mut Frames) {
+    let Some(Err(problem)) = turn.known.as_ref().map(|known| tracker.restore(known)) else { return };
+    tracing::warn!("tracker frame {}: the checkpoint before it is of no use: {problem}", turn.recorded.frame);
+    frames.go_on_undetermined(turn);
 }
 
 /// What a tracker makes of a recorded frame's fields.
@@ -203,3 +211,6 @@ fn simulate(
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests;
