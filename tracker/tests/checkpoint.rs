@@ -176,6 +176,22 @@ static SAVED: LazyLock<(Stream, Vec<u8>, Tracker)> = LazyLock::new(|| {
     (stream, bytes, fresh)
 });
 
+/// A filter that stands an hour back would have to be predicted in half a million steps.
+#[test]
+fn a_filter_of_another_time_is_refused() {
+    let (stream, bytes, fresh) = &*SAVED;
+    // Exposures differ by frame, so that the newest one is found at its own place and in every filter.
+    let newest = stream.frames[MOVED_AT + 29].1.exposed_ns;
+    let places = (0..bytes.len() - 8).filter(|&at| bytes[at..at + 8] == newest.to_le_bytes());
+    let mut refused = 0;
+    for at in places {
+        let mut old = bytes.clone();
+        old[at..at + 8].copy_from_slice(&newest.wrapping_add(3_600_000_000_000).to_le_bytes());
+        refused += u32::from(fresh.clone().restore(&old).is_err());
+    }
+    assert!(refused >= 4, "{refused}: the newest field's instant and three filters'");
+}
+
 /// Whoever takes the bytes tracks on, whatever comes of it.
 fn survives(bytes: &[u8]) -> bool {
     let (stream, _, fresh) = &*SAVED;

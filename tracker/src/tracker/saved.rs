@@ -1,7 +1,8 @@
 //! Copies of a tracker in memory, and its share of a checkpoint.
 
 use super::Tracker;
-use crate::checkpoint::{Done, Loader, Saver};
+use crate::checkpoint::{Done, Loader, Saver, require};
+use crate::constants as k;
 use crate::rig_model::RigModel;
 use protocol::camera::Camera;
 use protocol::limits::MAX_CAMERAS;
@@ -76,6 +77,10 @@ impl Tracker {
         }
         for (track, model) in self.tracks.iter_mut().zip(&self.rig.bodies) {
             track.load(model, from)?;
+            // Else the next prediction would take as long as it is late.
+            let near = |time_ns: u64| self.last_ns > 0 && time_ns.abs_diff(self.last_ns) <= k::MAX_GAP_NS;
+            let timely = track.filter.as_ref().is_none_or(|filter| near(filter.time_ns()));
+            require(timely, "a filter is not of the time of the newest field")?;
         }
         for id in (0..MAX_CAMERAS).filter(|id| self.rig.cameras[*id].is_some()) {
             self.fields[id].load(from)?;
