@@ -11,7 +11,8 @@
 //! | `poses` | [`poses::TrackerFrame`] | tracker, desk → simcore, renderer | 50 Hz | every one, or newest |
 //! | `scene` | [`scene::SceneHeader`] + sections | simcore → renderer, rig | per step | newest wins |
 //! | `steps` | [`steps::StepRecord`] | simcore → launcher | per step | every one |
-//! | `checkpoints` | [`steps::CheckpointHeader`] + bytes | simcore → launcher | 5 s | newest wins |
+//! | `checkpoints` | [`steps::CheckpointHeader`] + bytes | simcore → launcher | ≥ 0.5 Hz | newest wins |
+//! | `tracker-checkpoints` | [`checkpoints::TrackerCheckpointHeader`] + bytes | tracker → launcher | 0.5 Hz | newest wins |
 //! | `events` | [`events::Event`] | simcore → rig, console, recorder | on change | every one |
 //! | `frames` | [`frames::FrameRecord`] | renderer → launcher | per frame | every one |
 //! | `pictures` | [`frames::PictureHeader`] + JPEG | renderer → recorder | ≤ 15 Hz | newest wins |
@@ -31,6 +32,7 @@ pub mod bindings;
 pub mod blobs;
 pub mod budget;
 pub mod camera;
+pub mod checkpoints;
 pub mod contain;
 pub mod control;
 pub mod dose;

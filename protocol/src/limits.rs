@@ -29,12 +29,13 @@ pub const MAX_WAIT_MS: u64 = 5;
 pub const HEARTBEAT_NS: u64 = 100_000_000;
 /// A process without a heartbeat for this long is taken for hung, ns.
 pub const HEARTBEAT_LOST_NS: u64 = 3_000_000_000;
-/// Longest time between two checkpoints of the simulation, ns.
-pub const CHECKPOINT_NS: u64 = 5_000_000_000;
-/// Time spent on steps after which a checkpoint comes earlier, ns: a restarted simulation makes them
-/// again before it goes on.
-pub const CHECKPOINT_WORK_NS: u64 = 200_000_000;
-/// Shortest time between two checkpoints, ns.
+/// Time between two checkpoints of the tracker, and the longest between two of the simulation, ns; which
+/// frames that means is said in [`crate::checkpoints`].
+pub const CHECKPOINT_NS: u64 = 2_000_000_000;
+/// Time spent on steps after which the simulation makes one earlier, ns: a restarted simulation makes the
+/// steps again before it goes on.
+pub const CHECKPOINT_WORK_NS: u64 = 100_000_000;
+/// Shortest time between a checkpoint of the simulation and one that comes earlier, ns.
 pub const CHECKPOINT_LEAST_NS: u64 = 500_000_000;
 
 /// Largest scene block, bytes.
@@ -49,5 +50,7 @@ pub const TEXT_BYTES: usize = 112;
 const _: () = assert!(CAMERA_WAIT_NS < FIELD_PERIOD_NS, "a frame must close before the next begins");
 const _: () = assert!(MAX_FIELDS_USED >= MAX_CAMERAS, "a frame must hold a field of every camera");
 const _: () = assert!(FIELD_PERIOD_NS.is_multiple_of(SUBSTEP_NS), "a regular step is whole substeps");
+const _: () =
+    assert!(CHECKPOINT_LEAST_NS < CHECKPOINT_NS, "heavy steps are saved after more often than light ones");
 const _: () = assert!(HEARTBEAT_LOST_NS > 10 * HEARTBEAT_NS);
 const _: () = assert!(MAX_SCENE_BYTES.is_multiple_of(16) && MAX_PICTURE_BYTES.is_multiple_of(16));

@@ -2,6 +2,7 @@
 
 use proptest::prelude::*;
 use protocol::blobs::BlobField;
+use protocol::checkpoints::TrackerCheckpointHeader;
 use protocol::control::{Answer, Request};
 use protocol::events::Event;
 use protocol::frames::{FrameRecord, PictureHeader};
@@ -35,6 +36,7 @@ proptest! {
         validates::<SceneHeader>(&seed);
         validates::<StepRecord>(&seed);
         validates::<CheckpointHeader>(&seed);
+        validates::<TrackerCheckpointHeader>(&seed);
         validates::<Event>(&seed);
         validates::<FrameRecord>(&seed);
         validates::<PictureHeader>(&seed);
@@ -90,6 +92,7 @@ fn channel_names_and_schemas_differ() {
         (SceneHeader::CHANNEL, SceneHeader::SCHEMA),
         (StepRecord::CHANNEL, StepRecord::SCHEMA),
         (CheckpointHeader::CHANNEL, CheckpointHeader::SCHEMA),
+        (TrackerCheckpointHeader::CHANNEL, TrackerCheckpointHeader::SCHEMA),
         (Event::CHANNEL, Event::SCHEMA),
         (FrameRecord::CHANNEL, FrameRecord::SCHEMA),
         (PictureHeader::CHANNEL, PictureHeader::SCHEMA),

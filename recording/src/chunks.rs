@@ -5,7 +5,7 @@
 //! what the one before has to say at the end goes into an [`Index`]. The file is the same.
 
 use super::summary::Index;
-use super::{Item, descriptors, message_name, viewer_messages};
+use super::{FIRST_TOPICS, Item, descriptors, message_name, viewer_messages};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{McapResult, WriteOptions};
 use std::collections::BTreeMap;
@@ -150,10 +150,12 @@ fn add_channels(mcap: &mut mcap::Writer<Sink>) -> McapResult<Channels> {
     let none = BTreeMap::new();
     let descriptors = descriptors::file_descriptor_set();
     let (mut channels, mut viewers) = ([0; Item::TOPICS.len()], [0; viewer_messages::TOPICS.len()]);
-    for (i, topic) in Item::TOPICS.into_iter().enumerate() {
+    let mut add = |mcap: &mut mcap::Writer<Sink>, i: usize| {
         let schema = mcap.add_schema(&message_name(i), "protobuf", &descriptors)?;
-        channels[i] = mcap.add_channel(schema, topic, "protobuf", &none)?;
-    }
+        channels[i] = mcap.add_channel(schema, Item::TOPICS[i], "protobuf", &none)?;
+        McapResult::Ok(())
+    };
+    (0..FIRST_TOPICS).try_for_each(|i| add(mcap, i))?;
     for (i, schema) in viewer_messages::schemas().into_iter().enumerate() {
         let schema = match schema {
             Some(s) => mcap.add_schema(&s.name, &s.encoding, &s.data)?,
@@ -161,6 +163,7 @@ fn add_channels(mcap: &mut mcap::Writer<Sink>) -> McapResult<Channels> {
         };
         viewers[i] = mcap.add_channel(schema, viewer_messages::TOPICS[i], "protobuf", &none)?;
     }
+    (FIRST_TOPICS..Item::TOPICS.len()).try_for_each(|i| add(mcap, i))?;
     Ok((channels, viewers))
 }
 

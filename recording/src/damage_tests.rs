@@ -1,7 +1,7 @@
 //! Damage of every kind to small recordings: it is told, or changes nothing.
 
 use super::records::{Outer, Records};
-use super::{Item, Note, NoteKind, Provenance, Recording, RecordingError, Writer};
+use super::{Item, Note, NoteKind, Provenance, Recording, RecordingError, Writer, channel_numbers};
 use mcap::records::op;
 use protocol::handles::PedalState;
 use protocol::time::Nanos;
@@ -225,7 +225,7 @@ fn the_writers_channels_are_those_that_a_reader_assumes() {
     let (_folder, path) = scratch();
     recorded(&path, true);
     let summary = mcap::Summary::read(&fs::read(&path).unwrap()).unwrap().unwrap();
-    for (id, topic) in (1..).zip(Item::TOPICS) {
+    for (id, topic) in channel_numbers().zip(Item::TOPICS) {
         assert_eq!(summary.channels[&id].topic, topic);
     }
 }

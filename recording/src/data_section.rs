@@ -31,7 +31,47 @@ pub(super) struct DataSection {
     ended: bool,
 }
 
+/// Where reading goes on, and what it has seen until there.
+#[derive(Debug, Clone)]
+pub(super) struct SectionPlace {
+    offset: u64,
+    crc: crc32fast::Hasher,
+    damaged: bool,
+    unindexed: Option<BTreeMap<u16, u64>>,
+    messages: u64,
+    ended: bool,
+}
+
 impl DataSection {
+    /// The present place; `None` while something that was read waits to be told, which no place can
+    /// hold.
+    pub fn place(&self) -> Option<SectionPlace> {
+        let told = self.found.is_none() && self.problems.is_empty();
+        told.then(|| SectionPlace {
+            offset: self.records.offset,
+            crc: self.records.crc.clone(),
+            damaged: self.damaged,
+            unindexed: self.unindexed.clone(),
+            messages: self.messages,
+            ended: self.ended,
+        })
+    }
+
+    /// Goes on at a place of the same file.
+    ///
+    /// # Errors
+    /// Those of the operating system.
+    pub fn go_to(&mut self, place: &SectionPlace) -> Result<(), RecordingError> {
+        let SectionPlace { offset, crc, damaged, unindexed, messages, ended } = place;
+        self.records.seek(*offset)?;
+        self.records.crc.clone_from(crc);
+        (self.damaged, self.messages, self.ended) = (*damaged, *messages, *ended);
+        self.unindexed.clone_from(unindexed);
+        self.found = None;
+        self.problems.clear();
+        Ok(())
+    }
+
     /// From the first record of a file.
     ///
     /// # Errors

@@ -21,6 +21,7 @@ mod chunks;
 mod data_section;
 mod descriptors;
 mod disk;
+mod items;
 mod note;
 mod protobuf;
 mod read;
@@ -39,12 +40,14 @@ mod disk_tests;
 #[cfg(test)]
 mod samples;
 
+pub use items::{Items, Place};
 pub use note::{Note, NoteKind};
-pub use read::{Items, Recording, states_incomparable};
+pub use read::{Recording, states_incomparable};
 pub use tracker_version::{TRACKER_DIGESTS, TRACKER_VERSION};
 pub use write::Writer;
 
 use protocol::blobs::BlobField;
+use protocol::checkpoints::TrackerCheckpointHeader;
 use protocol::events::Event;
 use protocol::frames::{FrameRecord, PictureHeader};
 use protocol::handles::{HandleState, PedalState};
@@ -87,11 +90,13 @@ pub enum Item {
     Picture(PictureHeader, Vec<u8>),
     /// A remark of the recorder.
     Note(Note),
+    /// All that the tracker knows.
+    TrackerCheckpoint(TrackerCheckpointHeader, Vec<u8>),
 }
 
 impl Item {
-    /// Every topic, in the order in which the file declares them.
-    pub const TOPICS: [&'static str; 10] = [
+    /// Every topic, in the order in which they came to be.
+    pub const TOPICS: [&'static str; 11] = [
         "blobs",
         "handles",
         "pedal",
@@ -102,6 +107,7 @@ impl Item {
         "checkpoints",
         "pictures",
         "notes",
+        "tracker-checkpoints",
     ];
 
     /// Layout of the blocks on a topic; `None` for notes and for what is no topic.
@@ -122,6 +128,7 @@ impl Item {
             Item::Checkpoint(header, state) => Some(Block::of(header, state)),
             Item::Picture(header, jpeg) => Some(Block::of(header, jpeg)),
             Item::Note(_) => None,
+            Item::TrackerCheckpoint(header, state) => Some(Block::of(header, state)),
         }
     }
 
@@ -148,7 +155,7 @@ impl Item {
             Item::Step(step) => Some(step.instants.stepped),
             Item::Frame(frame) => Some(frame.displayed),
             Item::Picture(header, _) => Some(header.displayed),
-            Item::Event(_) | Item::Checkpoint(..) | Item::Note(_) => None,
+            Item::Event(_) | Item::Checkpoint(..) | Item::Note(_) | Item::TrackerCheckpoint(..) => None,
         }
     }
 
@@ -186,7 +193,18 @@ const LAYOUTS: [Option<&Layout>; Item::TOPICS.len()] = [
     Some(layout_of::<CheckpointHeader>()),
     Some(layout_of::<PictureHeader>()),
     None,
+    Some(layout_of::<TrackerCheckpointHeader>()),
 ];
+
+/// Topics that are declared before those for viewers. Later ones come behind them, so that the channels of
+/// a file of whatever version whose beginning is lost are known by their numbers.
+const FIRST_TOPICS: usize = 10;
+
+/// Numbers of the topics' channels, in the order of [`Item::TOPICS`].
+fn channel_numbers() -> impl Iterator<Item = u16> {
+    let viewers = viewer_messages::TOPICS.len();
+    (0..Item::TOPICS.len()).map(move |i| 1 + (if i < FIRST_TOPICS { i } else { i + viewers }) as u16)
+}
 
 /// Full name of a topic's message.
 fn message_name(topic: usize) -> String {

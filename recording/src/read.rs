@@ -4,15 +4,15 @@
 //! that every problem has a byte offset and reading goes on behind damage; chunks and records are
 //! parsed by the `mcap` crate.
 
-use super::data_section::DataSection;
+use super::items::{Items, Place};
 use super::records::{Outer, Records};
 use super::write::METADATA;
-use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, Source, checksum, record};
+use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, Source, checksum};
 use mcap::parse_record;
 use mcap::records::{Record, op};
 use protocol::steps::STATE_HASH_VERSION;
 use protocol::time::Nanos;
-use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// A recording opened for reading.
@@ -97,14 +97,15 @@ impl Recording {
     /// As [`Recording::items`], of these topics only. The rest is not decoded, which is most of the
     /// work.
     pub fn items_of(&self, topics: &[&'static str]) -> Items {
-        Items {
-            section: Records::open(&self.path).and_then(DataSection::new).map_err(Some),
-            file: self.path.display().to_string(),
-            wanted: topics.to_vec(),
-            topics: HashMap::new(),
-            channels_known: false,
-            ready: VecDeque::new(),
-        }
+        Items::open(&self.path, topics)
+    }
+
+    /// As [`Recording::items`], from a place on at which items of this file were read before: the same
+    /// items and errors follow.
+    pub fn items_from(&self, place: &Place) -> Items {
+        let mut items = self.items();
+        items.go_to(place);
+        items
     }
 
     /// Instants of exposure of what is replayed: those of the tracker's frames, or of the
@@ -182,89 +183,6 @@ fn provenance_of(mut pairs: BTreeMap<String, String>) -> Result<Provenance, Stri
     };
     let (seeds, config, versions) = (group("seed."), group("config."), group("version."));
     Ok(Provenance { rig_json, scene_name, scene_toml, source, seeds, config, versions })
-}
-
-/// Iterator over a recording's items.
-#[derive(Debug)]
-pub struct Items {
-    /// The error stands here until it has been given out.
-    section: Result<DataSection, Option<RecordingError>>,
-    file: String,
-    /// Topics to decode.
-    wanted: Vec<&'static str>,
-    /// Topic by channel, of those.
-    topics: HashMap<u16, &'static str>,
-    /// The file has told its channels.
-    channels_known: bool,
-    /// What the last chunk held.
-    ready: VecDeque<Result<(Nanos, Item), RecordingError>>,
-}
-
-impl Items {
-    /// Bytes of the file read so far, for a progress bar.
-    pub fn bytes_read(&self) -> u64 {
-        self.section.as_ref().map_or(0, |section| section.records.offset)
-    }
-
-    /// Reads one chunk; false at the end of the data.
-    fn advance(&mut self) -> Result<bool, RecordingError> {
-        let section = match &mut self.section {
-            Ok(section) => section,
-            Err(failed) => return failed.take().map_or(Ok(false), Err),
-        };
-        let Some(records) = section.next_chunk()? else { return Ok(false) };
-        if section.damaged && !self.channels_known {
-            self.assume_channels();
-        }
-        records.into_iter().for_each(|record| self.take(record));
-        Ok(true)
-    }
-
-    /// Where the chunk with the channels is lost, they are those that the writer makes.
-    fn assume_channels(&mut self) {
-        let all = (1..).zip(Item::TOPICS);
-        self.topics = all.filter(|(_, topic)| self.wanted.contains(topic)).collect();
-        self.channels_known = true;
-    }
-
-    /// Decodes a message, or notes a channel.
-    fn take(&mut self, record: Record<'_>) {
-        match record {
-            Record::Channel(channel) => {
-                self.channels_known = true;
-                let wanted = self.wanted.iter().find(|topic| **topic == channel.topic);
-                self.topics.extend(wanted.map(|topic| (channel.id, *topic)));
-            }
-            Record::Message { header, data } => {
-                let Some(topic) = self.topics.get(&header.channel_id) else { return };
-                let log_time_ns = header.log_time;
-                let refused = |problem| {
-                    let (file, topic) = (self.file.clone(), (*topic).into());
-                    RecordingError::Message { file, topic, log_time_ns, problem }
-                };
-                let decoded = record::decode(topic, &data).map_err(refused);
-                self.ready.extend(decoded.map(|item| item.map(|item| (log_time_ns, item))).transpose());
-            }
-            _ => {}
-        }
-    }
-}
-
-impl Iterator for Items {
-    type Item = Result<(Nanos, Item), RecordingError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        loop {
-            if let Some(item) = self.ready.pop_front() {
-                return Some(item);
-            }
-            match self.advance() {
-                Ok(true) => {}
-                Ok(false) => return None,
-                Err(error) => return Some(Err(error)),
-            }
-        }
-    }
 }
 
 #[cfg(test)]

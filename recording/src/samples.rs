@@ -4,6 +4,7 @@ use super::{Item, Note, NoteKind};
 use bytemuck::{Pod, Zeroable};
 use proptest::prelude::*;
 use protocol::blobs::{Blob, BlobField};
+use protocol::checkpoints::TrackerCheckpointHeader;
 use protocol::events::{EVENTS, Event};
 use protocol::frames::{FrameRecord, PictureHeader};
 use protocol::geometry::Pose;
@@ -127,5 +128,6 @@ pub fn any_item() -> impl Strategy<Value = Item> {
         with_bytes::<CheckpointHeader>(|h, n| h.bytes = n, Item::Checkpoint),
         with_bytes::<PictureHeader>(|h, n| h.bytes = n, Item::Picture),
         note(),
+        with_bytes::<TrackerCheckpointHeader>(|h, n| h.bytes = n, Item::TrackerCheckpoint),
     ]
 }

@@ -20,6 +20,7 @@ use settings::commands::ReplayArgs;
 use simcore::world::World;
 use std::ops::ControlFlow;
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Runs it.
@@ -41,7 +42,7 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let stopped = match replay.play() {
         Ok(damage) => {
             let figures = &mut replay.products.figures;
-            figures.cut = matches!(damage, Some(RecordingError::Truncated { .. }));
+            figures.cut = matches!(damage.as_deref(), Some(RecordingError::Truncated { .. }));
             figures.damage = damage.map(|d| d.to_string());
             false
         }
@@ -99,7 +100,7 @@ struct Replay<'a> {
 
 impl Replay<'_> {
     /// Replays once or for ever; returns how the recording ends.
-    fn play(&mut self) -> anyhow::Result<Option<RecordingError>> {
+    fn play(&mut self) -> anyhow::Result<Option<Arc<RecordingError>>> {
         loop {
             let (world, begun) = (self.world()?, Instant::now());
             let outcome = match self.recording.provenance().source {
@@ -129,9 +130,9 @@ impl Replay<'_> {
         Ok(world)
     }
 
-    fn recorded(&mut self, world: World) -> anyhow::Result<Option<RecordingError>> {
+    fn recorded(&mut self, world: World) -> anyhow::Result<Option<Arc<RecordingError>>> {
         let mut run = Recorded::new(self.recording, &self.rig, world);
-        let stopped_early = run.run(self.recording, |made| self.take(made))?;
+        let stopped_early = run.run(|made| self.take(made))?;
         if let Some(verdict) = &mut self.verdict {
             verdict.states.missing += run.steps.done.missing;
             verdict.pass_over_steps(run.steps.left_out());
@@ -184,9 +185,9 @@ impl Replay<'_> {
         Ok(ControlFlow::Continue(()))
     }
 
-    fn imported(&mut self, world: World) -> anyhow::Result<Option<RecordingError>> {
+    fn imported(&mut self, world: World) -> anyhow::Result<Option<Arc<RecordingError>>> {
         let Replay { recording, rig, pace, products, .. } = self;
-        stream(recording, rig, world, |made| {
+        let damage = stream(recording, rig, world, |made| {
             match made {
                 Streamed::Field(field) => {
                     let part = pace.part(field.exposed_ns);
@@ -204,7 +205,8 @@ impl Replay<'_> {
                 }
             }
             Ok(ControlFlow::Continue(()))
-        })
+        })?;
+        Ok(damage.map(Arc::new))
     }
 }
 

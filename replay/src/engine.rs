@@ -12,9 +12,10 @@ use protocol::message::Message;
 use protocol::poses::{ClosedBy, TrackerFrame};
 use protocol::rig::Rig;
 use protocol::steps::StepInput;
-use recording::{Item, Recording, RecordingError};
+use recording::{Item, Items, Recording, RecordingError};
 use simcore::world::{World, no_clock};
 use std::ops::ControlFlow;
+use std::sync::Arc;
 use tracker::assembler::ClosedFrame;
 use tracker::report::Report;
 use tracker::stream::StreamTracker;
@@ -31,14 +32,15 @@ pub enum Made<'a> {
 
 /// A recorded run under way.
 pub struct Recorded {
+    pub(crate) items: Items,
     /// None at a desk, where no tracker made the poses.
-    tracker: Option<(Tracker, Report)>,
+    pub(crate) tracker: Option<(Tracker, Report)>,
     /// The frames, and what is missing of them.
     pub frames: Frames,
     /// The steps, and what is missing of them.
     pub steps: Steps,
     /// What is wrong with the file first, if something is.
-    pub damage: Option<RecordingError>,
+    pub damage: Option<Arc<RecordingError>>,
 }
 
 impl Recorded {
@@ -46,6 +48,7 @@ impl Recorded {
     pub fn new(recording: &Recording, rig: &Rig, world: World) -> Self {
         let desk = recording.provenance().config.contains_key(recording::DESK);
         Recorded {
+            items: recording.items(),
             tracker: (!desk).then(|| (Tracker::new(rig), Report::default())),
             frames: Frames::new(rig.field_period_ns(), desk),
             steps: Steps::new(world, recording.provenance()),
@@ -53,36 +56,40 @@ impl Recorded {
         }
     }
 
-    /// Runs it to its end, or until `visit` has enough; true where that was so.
+    /// Runs it to its end, or until `visit` has enough; true where that was so. The next call goes on from
+    /// there.
     ///
     /// # Errors
     /// Those of `visit`.
     pub fn run(
         &mut self,
-        recording: &Recording,
         mut visit: impl FnMut(Made<'_>) -> anyhow::Result<ControlFlow<()>>,
     ) -> anyhow::Result<bool> {
-        let mut items = recording.items();
-        loop {
-            match items.next() {
-                Some(Ok((at, item))) => {
-                    self.frames.note(at, &item);
-                    self.steps.note(at, item);
-                }
-                Some(Err(error)) => {
-                    if !matches!(error, RecordingError::Truncated { .. }) {
-                        self.frames.note_loss(error.to_string());
-                    }
-                    self.damage.get_or_insert(error);
-                }
-                None => {
-                    self.frames.end();
-                    self.steps.end();
-                    return Ok(self.advance(&mut visit)?.is_break());
-                }
+        while self.advance(&mut visit)?.is_continue() {
+            if self.steps.is_ended() {
+                return Ok(false);
             }
-            if self.advance(&mut visit)?.is_break() {
-                return Ok(true);
+            self.read();
+        }
+        Ok(true)
+    }
+
+    /// Takes the next item, or the end.
+    fn read(&mut self) {
+        match self.items.next() {
+            Some(Ok((at, item))) => {
+                self.frames.note(at, &item);
+                self.steps.note(at, item);
+            }
+            Some(Err(error)) => {
+                if !matches!(error, RecordingError::Truncated { .. }) {
+                    self.frames.note_loss(error.to_string());
+                }
+                self.damage.get_or_insert_with(|| Arc::new(error));
+            }
+            None => {
+                self.frames.end();
+                self.steps.end();
             }
         }
     }
@@ -94,10 +101,11 @@ impl Recorded {
     ) -> anyhow::Result<ControlFlow<()>> {
         let mut flow = ControlFlow::Continue(());
         while flow.is_continue()
-            && let Some(turn) = self.frames.next_turn()
+            && let Some(mut turn) = self.frames.next_turn()
         {
             let made = match &mut self.tracker {
                 Some((tracker, told)) => {
+                    go_on_over_a_gap(tracker, &mut turn, &mut self.frames);
                     let made = track(tracker, &turn);
                     told.tell(tracker);
                     &{ made }
@@ -113,6 +121,13 @@ impl Recorded {
         }
         Ok(flow)
     }
+}
+
+/// Gives the tracker what it knew before this frame, where a gap lies before it.
+fn go_on_over_a_gap(tracker: &mut Tracker, turn: &mut FrameTurn, frames: &mut Frames) {
+    let Some(Err(problem)) = turn.known.as_ref().map(|known| tracker.restore(known)) else { return };
+    tracing::warn!("tracker frame {}: the checkpoint before it is of no use: {problem}", turn.recorded.frame);
+    frames.go_on_undetermined(turn);
 }
 
 /// What a tracker makes of a recorded frame's fields.
@@ -196,3 +211,6 @@ fn simulate(
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests;

@@ -6,19 +6,24 @@
 //! belongs together is matched by number.
 //!
 //! Where a field or a frame is missing, the poses that follow are not determined any more, because the
-//! tracker remembers what it saw, until a tracker that was started again counts from 0.
+//! tracker remembers what it saw, until a checkpoint says what it knew or a tracker that was started again
+//! counts from 0.
 
 use diagnosis::Due;
 use protocol::blobs::BlobField;
+use protocol::checkpoints::TrackerCheckpointHeader;
 use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
 use recording::{Item, NoteKind};
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// How far a consumed block may stand behind what consumed it, ns.
 pub const AHEAD_NS: u64 = 500_000_000;
 /// Camera-fields kept for frames to come: more than ten seconds of three cameras.
 const FIELDS_KEPT: usize = 2048;
+/// Checkpoints of the tracker kept for frames to come. One comes every two seconds, and after a restart.
+const CHECKPOINTS: usize = 4;
 
 /// One recorded frame.
 #[derive(Debug, Clone)]
@@ -31,25 +36,30 @@ pub struct FrameTurn {
     pub determined: bool,
     /// What of the recording is missing here; given once for each loss.
     pub lost: Option<String>,
+    /// What the tracker knew before this frame, where a gap lies before it: with it, the poses are
+    /// determined again.
+    pub known: Option<Arc<Vec<u8>>>,
 }
 
 /// What waits for its turn, with its place in time.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 enum Pending {
     Pose(Box<TrackerFrame>),
     Lost(String),
 }
 
 /// Frames that wait until all that they consumed has come.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Frames {
     horizon_ns: Nanos,
     ended: bool,
     pending: VecDeque<(Nanos, Pending)>,
-    fields: VecDeque<BlobField>,
+    fields: VecDeque<Arc<BlobField>>,
     last_frame: Option<u64>,
     /// Since the last loss no pose has been determined.
     undetermined: bool,
+    /// The newest checkpoints of the tracker, which stand behind their frames as fields may.
+    checkpoints: VecDeque<(TrackerCheckpointHeader, Arc<Vec<u8>>)>,
     fields_read: u64,
     /// The poses are a desk's: no tracker made them.
     desk: bool,
@@ -69,6 +79,7 @@ impl Frames {
             fields: VecDeque::new(),
             last_frame: None,
             undetermined: false,
+            checkpoints: VecDeque::new(),
             fields_read: 0,
             desk,
             due: Due::new(period_ns),
@@ -86,9 +97,15 @@ impl Frames {
                 if self.fields.len() == FIELDS_KEPT {
                     self.fields.pop_front();
                 }
-                self.fields.push_back(**field);
+                self.fields.push_back(Arc::new(**field));
             }
             Item::Poses(frame) => self.pending.push_back((at, Pending::Pose(frame.clone()))),
+            Item::TrackerCheckpoint(header, state) => {
+                if self.checkpoints.len() == CHECKPOINTS {
+                    self.checkpoints.pop_front();
+                }
+                self.checkpoints.push_back((*header, Arc::new(state.clone())));
+            }
             Item::Note(note) if note.kind == NoteKind::Loss => self.note_loss(note.text.clone()),
             _ => {}
         }
@@ -150,21 +167,39 @@ impl Frames {
             }
             Some(_) => {}
         }
+        let known = self.known_before(&frame);
+        self.undetermined &= known.is_none();
         // Without any field, frames that used none tell nothing.
         self.undetermined |= self.fields_read == 0;
         let mut fields = Vec::with_capacity(frame.used().len());
         for used in frame.used() {
-            let is_it = |f: &BlobField| {
+            let is_it = |f: &Arc<BlobField>| {
                 (f.camera, f.field, f.exposed_ns) == (used.camera, used.field, used.exposed_ns)
             };
             match self.fields.iter().position(is_it).and_then(|i| self.fields.remove(i)) {
-                Some(field) => fields.push(field),
+                Some(field) => fields.push(*field),
                 None => {
                     self.lose_poses(|| format!("field {} of camera {} is missing", used.field, used.camera));
                 }
             }
         }
-        FrameTurn { fields, recorded: frame, determined: !self.undetermined, lost: self.lost.take() }
+        FrameTurn { fields, recorded: frame, determined: !self.undetermined, lost: self.lost.take(), known }
+    }
+
+    /// What the tracker knew when it made the frame before this one, where that is not known otherwise.
+    fn known_before(&self, frame: &TrackerFrame) -> Option<Arc<Vec<u8>>> {
+        let exposed = frame.instants.exposed;
+        let is_its = |h: &TrackerCheckpointHeader| {
+            h.frame.checked_add(1) == Some(frame.frame)
+                && (1..=AHEAD_NS).contains(&exposed.wrapping_sub(h.exposed_ns))
+        };
+        let found = self.checkpoints.iter().rev().find(|(header, _)| is_its(header));
+        found.filter(|_| self.undetermined).map(|(_, state)| Arc::clone(state))
+    }
+
+    /// The checkpoint that a turn came with is of no use: poses are no more determined than before.
+    pub fn go_on_undetermined(&mut self, turn: &mut FrameTurn) {
+        (self.undetermined, turn.determined) = (true, false);
     }
 }
 

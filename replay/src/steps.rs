@@ -14,6 +14,7 @@ use recording::{Item, Provenance};
 use simcore::resume::{InputHistory, Repeated};
 use simcore::world::World;
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// Checkpoints that are kept. What is missing when this many further ones have come does not come any
 /// more.
@@ -65,21 +66,36 @@ pub struct StepAgain<'a> {
 /// Steps that wait until all that they consumed has come.
 #[derive(Debug)]
 pub struct Steps {
-    world: World,
-    past: InputHistory,
-    horizon_ns: Nanos,
-    ended: bool,
-    /// Steps and checkpoints whose inputs may yet come.
-    pending: VecDeque<(Nanos, Entry)>,
-    checkpoints: VecDeque<(CheckpointHeader, Vec<u8>)>,
-    /// Number of the newest recorded step.
-    newest: u64,
-    /// Of the steps that were given up, those that were told.
-    told: u64,
+    pub(crate) world: World,
+    pub(crate) waiting: Waiting,
     /// What came of it so far.
     pub done: Resimulated,
     /// What is missing, first and since it was last taken.
     pub lost: Option<String>,
+}
+
+/// A step or a checkpoint whose inputs may yet come.
+#[derive(Debug, Clone)]
+enum Pending {
+    Step(Box<StepRecord>),
+    Checkpoint(CheckpointHeader, SavedState),
+}
+
+/// A state as it was recorded. Never changed, so that copies of a run share it.
+type SavedState = Arc<Vec<u8>>;
+
+/// What the steps wait with.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Waiting {
+    past: InputHistory,
+    horizon_ns: Nanos,
+    ended: bool,
+    pending: VecDeque<(Nanos, Pending)>,
+    checkpoints: VecDeque<(CheckpointHeader, SavedState)>,
+    /// Number of the newest recorded step.
+    newest: u64,
+    /// Of the steps that were given up, those that were told.
+    told: u64,
 }
 
 impl Steps {
@@ -88,13 +104,7 @@ impl Steps {
         let other_state_hash_version = provenance.other_state_hash_version();
         Steps {
             world,
-            past: InputHistory::default(),
-            horizon_ns: 0,
-            ended: false,
-            pending: VecDeque::new(),
-            checkpoints: VecDeque::new(),
-            newest: 0,
-            told: 0,
+            waiting: Waiting::default(),
             done: Resimulated { other_state_hash_version, ..Resimulated::default() },
             lost: None,
         }
@@ -102,40 +112,43 @@ impl Steps {
 
     /// Takes the next item.
     pub fn note(&mut self, at: Nanos, item: Item) {
-        self.horizon_ns = self.horizon_ns.max(at);
+        self.waiting.horizon_ns = self.waiting.horizon_ns.max(at);
         match item.into_entry() {
-            Some(entry @ (Entry::Step(_) | Entry::Checkpoint(..))) => self.pending.push_back((at, entry)),
-            Some(input) => self.past.note(input),
+            Some(Entry::Step(step)) => self.waiting.pending.push_back((at, Pending::Step(Box::new(step)))),
+            Some(Entry::Checkpoint(header, state)) => {
+                self.waiting.pending.push_back((at, Pending::Checkpoint(header, Arc::new(state))));
+            }
+            Some(input) => self.waiting.past.note(input),
             None => {}
         }
     }
 
     /// No item will come any more.
     pub fn end(&mut self) {
-        self.ended = true;
+        self.waiting.ended = true;
     }
 
     /// True once no item will come any more.
     pub fn is_ended(&self) -> bool {
-        self.ended
+        self.waiting.ended
     }
 
     /// Does the next step, once all that it can have consumed has come.
     pub fn next_step(&mut self) -> Option<StepAgain<'_>> {
         loop {
-            if let Some(repeated) = self.past.advance(&mut self.world) {
+            if let Some(repeated) = self.waiting.past.advance(&mut self.world) {
                 if self.is_proved(&repeated) {
                     return Some(self.done(repeated));
                 }
                 continue;
             }
-            let next = self.pending.front().map(|(at, _)| at.saturating_add(AHEAD_NS));
-            if next.is_some_and(|at| self.ended || at <= self.horizon_ns) {
-                match self.pending.pop_front().expect("it is there").1 {
-                    Entry::Checkpoint(header, state) => self.take_checkpoint(header, state),
-                    step => self.take_step(step),
+            let next = self.waiting.pending.front().map(|(at, _)| at.saturating_add(AHEAD_NS));
+            if next.is_some_and(|at| self.waiting.ended || at <= self.waiting.horizon_ns) {
+                match self.waiting.pending.pop_front().expect("it is there").1 {
+                    Pending::Checkpoint(header, state) => self.take_checkpoint(header, state),
+                    Pending::Step(step) => self.take_step(*step),
                 }
-            } else if !self.ended || !self.go_on() {
+            } else if !self.waiting.ended || !self.go_on() {
                 return None;
             }
         }
@@ -143,7 +156,7 @@ impl Steps {
 
     /// Recorded steps that were given up since this was asked last.
     pub fn left_out(&mut self) -> u64 {
-        self.done.undone - std::mem::replace(&mut self.told, self.done.undone)
+        self.done.undone - std::mem::replace(&mut self.waiting.told, self.done.undone)
     }
 
     /// False for a step behind others without a record whose state is another than the recorded one: what
@@ -152,7 +165,7 @@ impl Steps {
         let comparable = self.done.other_state_hash_version.is_none();
         let proved = !guessed || !comparable || report.state_hash == recorded.state_hash;
         if !proved {
-            self.past.go_astray();
+            self.waiting.past.go_astray();
             self.done.undone += 1;
             let why = format!("what led to step {} (field {}) is missing", recorded.step, recorded.field);
             self.lost = self.lost.take().or(Some(why));
@@ -170,53 +183,51 @@ impl Steps {
         StepAgain { left_out: self.left_out(), world: &self.world, poses, recorded, step }
     }
 
-    fn take_step(&mut self, entry: Entry) {
-        if let Entry::Step(step) = &entry {
-            let number = step.step;
-            if number == 1 {
-                // The simulation began anew: what an earlier one saved or lacked is of no use.
-                self.checkpoints.clear();
-                self.newest = 0;
-                let lacking = self.past.lacking(&self.world);
-                self.lost = self.lost.take().or(lacking);
-                self.done.undone += self.past.give_up();
-            }
-            self.done.missing += number.saturating_sub(self.newest + 1);
-            self.newest = self.newest.max(number);
-        }
-        self.past.note(entry);
-        if self.past.waiting_steps() > WAITING {
-            let lacking = self.past.lacking(&self.world);
+    fn take_step(&mut self, step: StepRecord) {
+        let number = step.step;
+        if number == 1 {
+            // The simulation began anew: what an earlier one saved or lacked is of no use.
+            self.waiting.checkpoints.clear();
+            self.waiting.newest = 0;
+            let lacking = self.waiting.past.lacking(&self.world);
             self.lost = self.lost.take().or(lacking);
-            self.past.give_up_oldest();
+            self.done.undone += self.waiting.past.give_up();
+        }
+        self.done.missing += number.saturating_sub(self.waiting.newest + 1);
+        self.waiting.newest = self.waiting.newest.max(number);
+        self.waiting.past.note(Entry::Step(step));
+        if self.waiting.past.waiting_steps() > WAITING {
+            let lacking = self.waiting.past.lacking(&self.world);
+            self.lost = self.lost.take().or(lacking);
+            self.waiting.past.give_up_oldest();
             self.done.undone += 1;
         }
     }
 
     /// Keeps a checkpoint; where steps have been waiting since the one before the last, their inputs
     /// are missing.
-    fn take_checkpoint(&mut self, header: CheckpointHeader, state: Vec<u8>) {
-        if self.checkpoints.len() == CHECKPOINTS {
-            let oldest = self.checkpoints.front().expect("two are kept").0.step;
-            match self.past.waiting() {
+    fn take_checkpoint(&mut self, header: CheckpointHeader, state: SavedState) {
+        if self.waiting.checkpoints.len() == CHECKPOINTS {
+            let oldest = self.waiting.checkpoints.front().expect("two are kept").0.step;
+            match self.waiting.past.waiting() {
                 Some(waiting) if waiting.step <= oldest + 1 => drop(self.go_on()),
-                _ => drop(self.checkpoints.pop_front()),
+                _ => drop(self.waiting.checkpoints.pop_front()),
             }
         }
-        self.checkpoints.push_back((header, state));
+        self.waiting.checkpoints.push_back((header, state));
     }
 
     /// Goes on from the first checkpoint that leads over what the waiting step lacks; false where no step
     /// is waiting, or none can be done any more.
     fn go_on(&mut self) -> bool {
-        let Some(waiting) = self.past.waiting().map(|s| s.step) else { return false };
-        let lacking = self.past.lacking(&self.world);
+        let Some(waiting) = self.waiting.past.waiting().map(|s| s.step) else { return false };
+        let lacking = self.waiting.past.lacking(&self.world);
         self.lost = self.lost.take().or(lacking);
-        while let Some((header, state)) = self.checkpoints.pop_front() {
+        while let Some((header, state)) = self.waiting.checkpoints.pop_front() {
             if header.step + 1 < waiting {
                 continue;
             }
-            match self.past.jump(&mut self.world, &header, &state) {
+            match self.waiting.past.jump(&mut self.world, &header, &state) {
                 Ok(given_up) => {
                     self.done.undone += given_up;
                     self.done.gaps += 1;
@@ -225,8 +236,8 @@ impl Steps {
                 Err(error) => tracing::warn!("step {}: its checkpoint is of no use: {error}", header.step),
             }
         }
-        if self.ended {
-            self.done.undone += self.past.give_up();
+        if self.waiting.ended {
+            self.done.undone += self.waiting.past.give_up();
         }
         false
     }

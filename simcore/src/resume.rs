@@ -14,7 +14,7 @@ use std::collections::VecDeque;
 const ROOM: usize = 16_384;
 
 /// What a recording knows since its newest checkpoint.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct InputHistory {
     checkpoint: Option<(CheckpointHeader, Vec<u8>)>,
     steps: VecDeque<StepRecord>,

@@ -10,6 +10,7 @@ mod removed;
 mod retina;
 mod sheet_events;
 mod sheets;
+mod snapshot;
 mod stain;
 mod task;
 mod tools;
@@ -18,6 +19,7 @@ mod vitreous;
 
 pub use plan::start_instrument;
 pub use removed::RemovedTissue;
+pub use snapshot::WorldSnapshot;
 
 use profile::StepTimer;
 use sheets::SheetsCounts;
@@ -37,7 +39,6 @@ use collision::instrument_image::{InstrumentImage, Volume};
 use collision::surface::CollisionError;
 use nalgebra::Isometry3;
 use protocol::events::{Event, EventDraft, EventKind};
-use protocol::handles::Tool;
 use protocol::limits::{BODIES, INSTRUMENTS, MAX_SCENE_BYTES};
 use protocol::message::fnv1a;
 use protocol::poses::TrackerFrame;
@@ -291,13 +292,7 @@ impl World {
         self.check_vitreous(&state)?;
         BodiesState::check(state.bodies.as_ref(), self.scene.bodies.as_ref())?;
         self.check_task(&state)?;
-        self.state = state;
-        self.state.marks.reserve_exact(MAX_MARKS - self.state.marks.len());
-        for (image, instrument) in self.images.iter_mut().zip(&self.state.instruments) {
-            if let Some(tool) = Tool::from_wire(instrument.tool) {
-                image.set_tool(tool, &self.volume);
-            }
-        }
+        self.take_state(state);
         self.resume();
         Ok(())
     }
@@ -315,6 +310,12 @@ impl World {
 
     /// Derives everything from a state that was not reached by steps.
     fn resume(&mut self) {
+        self.resume_sheets();
+        self.refresh_vitreous();
+    }
+
+    /// Of that, all but the vitreous.
+    fn resume_sheets(&mut self) {
         self.no_stain = stain::room(&self.scene, self.sheet());
         if let Some(membrane) = &mut self.membrane {
             membrane.resume(&mut self.state.membrane);
@@ -322,7 +323,6 @@ impl World {
         if let (Some(model), Some(retina)) = (&mut self.retina, &mut self.state.retina) {
             model.resume(retina);
         }
-        self.refresh_vitreous();
     }
 
     /// Begins the step's events and its account of the sheets, which is empty but for what there

@@ -23,6 +23,7 @@ OWN = {
     "checkpoints": "vitreo.Checkpoint",
     "pictures": "vitreo.Picture",
     "notes": "vitreo.Note",
+    "tracker-checkpoints": "vitreo.TrackerCheckpoint",
     "/tf": "foxglove.FrameTransforms",
     "/log": "foxglove.Log",
     "/picture": "foxglove.CompressedImage",

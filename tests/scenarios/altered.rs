@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 use vitreo_tests::verified::{Verified, WITHOUT_FRAME, verify};
 use vitreo_tests::{instance_name, repository, vitreo};
 
-/// The field at which each alteration is made: before the second checkpoint.
+/// The field at which each alteration is made, and how many may be missing from it on.
 const FIELD: u64 = 130;
+const MISSING: u64 = 50;
 
 /// Copies a recording through `change`, which may drop an item or put others in its place.
 fn rewrite(from: &Path, to: &Path, change: impl FnMut(Item) -> Vec<Item>) {
@@ -31,9 +32,9 @@ fn rewrite_as(provenance: &Provenance, from: &Path, to: &Path, mut change: impl 
 struct Recorded {
     folder: tempfile::TempDir,
     original: PathBuf,
-    /// Steps that follow the second checkpoint, which is the first after [`FIELD`].
+    /// Steps that follow the first checkpoint after all that is missing.
     behind: u64,
-    /// Numbers of the newest pedal states that the field's step consumed, and that of 50 fields later.
+    /// Numbers of the newest pedal states that the field's step consumed, and that after what is missing.
     pedals: [u64; 2],
     verified: Verified,
 }
@@ -47,13 +48,13 @@ fn record() -> Recorded {
     let items: Vec<Item> =
         Recording::open(&original).expect("recording").items().map(|i| i.expect("item").1).collect();
     let checkpoint = items.iter().find_map(|item| match item {
-        Item::Checkpoint(header, _) if header.field > FIELD => Some(header.step),
+        Item::Checkpoint(header, _) if header.field > FIELD + MISSING => Some(header.step),
         _ => None,
     });
     let checkpoint = checkpoint.expect("a checkpoint after the field");
     let behind = items.iter().filter(|i| matches!(i, Item::Step(s) if s.step > checkpoint)).count() as u64;
     assert!(behind > 50, "{behind} steps behind the checkpoint");
-    let pedals = [FIELD, FIELD + 50].map(|field| {
+    let pedals = [FIELD, FIELD + MISSING].map(|field| {
         let of_field = |item: &Item| match item {
             Item::Step(step) if step.field == field => Some(step.pedals_below - 1),
             _ => None,
@@ -149,7 +150,7 @@ fn alterations_and_losses_are_named_with_their_field_and_the_rest_is_verified() 
     recorded.without(|item| matches!(item, Item::Handle(h) if at_field(h.field)), "handle state");
     recorded.without(|item| matches!(item, Item::Pedal(p) if p.seq == recorded.pedals[0]), "pedal state");
     // A second in which the disk took nothing.
-    let full = |field| (FIELD..FIELD + 50).contains(&field);
+    let full = |field| (FIELD..FIELD + MISSING).contains(&field);
     let full = |item: &Item| match item {
         Item::Blobs(b) => full(b.field),
         Item::Poses(p) => full(p.field),

@@ -91,7 +91,7 @@ const OWNERS: &[(&str, &[&str])] = &[
     ("wgpu", &["renderer", "collision"]),
     ("winit", &["renderer"]),
     ("mcap", &["recording"]),
-    ("bincode", &["simcore"]),
+    ("bincode", &["simcore", "tracker"]),
     ("evdev", &["desk"]),
     ("rusqlite", &["results"]),
     ("parquet", &["results"]),

@@ -5,6 +5,7 @@ use fuzz::random::Random;
 use fuzz::targets;
 use ipc::{BlockSender, Instance, Sender, wait};
 use protocol::blobs::BlobField;
+use protocol::checkpoints::TrackerCheckpointHeader;
 use protocol::control::{Answer, Request};
 use protocol::events::Event;
 use protocol::fields::FieldHeader;
@@ -115,6 +116,7 @@ fn all_channels<'a>(instance: &Instance) -> Vec<Spray<'a>> {
         with_payload::<SceneHeader>(instance),
         plain::<StepRecord>(instance, |_| {}),
         with_payload::<CheckpointHeader>(instance),
+        with_payload::<TrackerCheckpointHeader>(instance),
         plain::<Event>(instance, |_| {}),
         plain::<FrameRecord>(instance, |_| {}),
         with_payload::<PictureHeader>(instance),

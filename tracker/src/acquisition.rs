@@ -52,6 +52,17 @@ impl Default for Acquisition {
     }
 }
 
+/// A copy of a tracker gets work space of its own, which grows when it is first used.
+impl Clone for Acquisition {
+    fn clone(&self) -> Self {
+        Acquisition {
+            rays: Box::new([[None; MAX_BLOBS]; MAX_CAMERAS]),
+            points: Vec::new(),
+            matches: Vec::new(),
+        }
+    }
+}
+
 impl AcquisitionInput<'_> {
     fn is_recent(&self, field: &FieldObservation) -> bool {
         self.cameras & (1 << field.camera) != 0

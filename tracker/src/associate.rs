@@ -110,6 +110,13 @@ impl Default for Associator {
     }
 }
 
+/// A copy of a tracker gets work space of its own, which grows when it is first used.
+impl Clone for Associator {
+    fn clone(&self) -> Self {
+        Associator { candidates: Vec::new(), near: Vec::new(), spare: Vec::new() }
+    }
+}
+
 impl Associator {
     /// Assigns blobs to the markers of every body with a prediction.
     pub fn associate(

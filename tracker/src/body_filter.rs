@@ -1,5 +1,6 @@
 //! The filter of a body: an eye turns about its centre, an instrument passes a trocar.
 
+use crate::checkpoint::{CheckpointError, Done, Loader, Saver};
 use crate::eye_filter::EyeFilter;
 use crate::instrument_filter::{InstrumentFilter, Pivot};
 use crate::pose_math::Matrix6;
@@ -29,6 +30,23 @@ impl BodyFilter {
             BodyFilter::Eye(EyeFilter::new(*pose, covariance, model.start, model.motion, time_ns))
         } else {
             BodyFilter::Instrument(InstrumentFilter::new(pose, covariance, pivot, time_ns))
+        }
+    }
+
+    /// Writes the filter; which of the two it is follows from the body.
+    pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
+        match self {
+            BodyFilter::Eye(filter) => filter.save(out),
+            BodyFilter::Instrument(filter) => filter.save(out),
+        }
+    }
+
+    /// The filter of a body that was saved.
+    pub(crate) fn load(model: &BodyModel, from: &mut Loader<'_>) -> Result<Self, CheckpointError> {
+        if model.is_eye {
+            EyeFilter::load(model.motion, from).map(BodyFilter::Eye)
+        } else {
+            InstrumentFilter::load(from).map(BodyFilter::Instrument)
         }
     }
 

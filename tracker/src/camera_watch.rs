@@ -13,6 +13,7 @@
 mod evidence;
 mod jump;
 mod resection;
+mod saved;
 mod sighting;
 
 use crate::associate::{AssociationInput, PredictedBody};
@@ -26,6 +27,7 @@ use nalgebra::{Matrix2x3, Point3, SMatrix, Vector3};
 use protocol::camera::Camera;
 use protocol::limits::{BODIES, MAX_CAMERAS};
 use resection::Resection;
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 /// Notices kept until they are taken.
@@ -36,7 +38,7 @@ const NOTICES: usize = 16;
 type CameraJacobian = SMatrix<f64, 2, 6>;
 
 /// State of a camera.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 enum State {
     Trusted,
     Suspected {
@@ -51,7 +53,7 @@ enum State {
 }
 
 /// A field whose markers lie off their predictions together.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Jump {
     at_ns: u64,
     px: f64,
@@ -72,7 +74,7 @@ impl State {
 }
 
 /// A change of a camera's state, for the log.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Notice {
     /// It was moved and is left out.
     Moved {
@@ -143,7 +145,7 @@ impl std::fmt::Display for Notice {
 }
 
 /// A decision that the other cameras must bear out.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Trial {
     since_ns: u64,
     camera: usize,
@@ -152,6 +154,7 @@ struct Trial {
 }
 
 /// Watches the cameras of a rig.
+#[derive(Clone)]
 pub struct CameraWatch {
     calibrated: [Option<Camera>; MAX_CAMERAS],
     states: [State; MAX_CAMERAS],

@@ -11,6 +11,8 @@
 //! What changes no residual is not observable: where all markers of a body moved together, pose and
 //! tip move with them. [`DriftReport::unobservable_mm`] is how much of that the prior allows.
 
+mod saved;
+
 use crate::constants as k;
 use crate::fit::BlobMatch;
 use crate::pose_math::{Matrix6, propagated};
@@ -78,6 +80,7 @@ impl std::fmt::Display for DriftReport {
 }
 
 /// Estimates the drift; all parameters are in units of their prior's standard deviation.
+#[derive(Clone)]
 pub struct DriftEstimator {
     calibrated: [Option<Camera>; MAX_CAMERAS],
     /// As calibrated, but for cameras that were resected.

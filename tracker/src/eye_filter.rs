@@ -7,6 +7,7 @@
 //! pose with its 6×6 covariance *after* the prior went in (see `fit`), so the rest of the state
 //! follows by its regression on the pose: x_r += K·δ, K = P_rp·P_pp⁻¹.
 
+use crate::checkpoint::{CheckpointError, Done, Loader, Saver};
 use crate::constants as k;
 use crate::motion_models::Singer;
 use crate::pose_math::{Matrix6, box_minus, exp};
@@ -71,6 +72,33 @@ impl EyeFilter {
         };
         filter.set_pose_covariance(pose_covariance);
         filter
+    }
+
+    /// Writes all but the models, which are the rig's.
+    pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
+        let EyeFilter { world_from_body, velocity, acceleration, angular_velocity, .. } = self;
+        let EyeFilter { angular_acceleration, models: _, time_ns, boost, covariance, .. } = self;
+        out.pose(world_from_body)?;
+        for vector in [velocity, acceleration, angular_velocity, angular_acceleration] {
+            out.numbers(vector.as_slice())?;
+        }
+        out.put(time_ns)?;
+        out.numbers([boost])?;
+        out.square(covariance.nrows(), |r, c| covariance[(r, c)])
+    }
+
+    /// The filter that was saved.
+    pub(crate) fn load(models: [Singer; 2], from: &mut Loader<'_>) -> Result<Self, CheckpointError> {
+        let pose = from.pose()?;
+        let mut filter = EyeFilter::new(pose, &Matrix6::zeros(), [0.0; 4], models, 0);
+        let EyeFilter { velocity, acceleration, angular_velocity, angular_acceleration, .. } = &mut filter;
+        for vector in [velocity, acceleration, angular_velocity, angular_acceleration] {
+            from.numbers(vector.as_mut_slice())?;
+        }
+        filter.time_ns = from.count()?;
+        from.numbers([&mut filter.boost])?;
+        from.square(filter.covariance.nrows(), |r, c, number| filter.covariance[(r, c)] = number)?;
+        Ok(filter)
     }
 
     /// Covariance of the pose.

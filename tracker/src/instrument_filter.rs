@@ -12,6 +12,7 @@
 //! with a small bank of its own. A measurement is a pose with its covariance *after* the prior went
 //! in (see `fit`); the rest of the state follows by its regression on the pose.
 
+mod saved;
 mod transition;
 
 use crate::block_matrix::{self, add_block, product, transpose};

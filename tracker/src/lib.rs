@@ -26,6 +26,7 @@ pub mod associate;
 pub mod block_matrix;
 pub mod body_filter;
 pub mod camera_watch;
+pub mod checkpoint;
 pub mod config;
 pub mod constants;
 pub mod drift;
@@ -48,4 +49,4 @@ pub mod track;
 pub mod tracker;
 pub mod ud_covariance;
 
-pub use tracker::{Reference, Tracker};
+pub use tracker::{Reference, Tracker, TrackerSnapshot};

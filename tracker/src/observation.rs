@@ -1,5 +1,6 @@
 //! Observations: the blobs of a camera-field in pixels of the frame, with their covariances.
 
+use crate::checkpoint::{Done, Loader, Saver, require};
 use crate::constants as k;
 use crate::projection::MarkerImage;
 use crate::rig_model::RigModel;
@@ -70,6 +71,31 @@ impl FieldObservation {
             }
         }
         field.blobs().len() as u32 - self.count as u32
+    }
+
+    /// Writes the valid blobs.
+    pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
+        let FieldObservation { camera: _, exposed_ns, blobs: _, count, assigned } = self;
+        out.put(&[*exposed_ns, *assigned, *count as u64])?;
+        for BlobObservation { pixel, covariance, area_px, width_px, colour, flags } in self.blobs() {
+            out.numbers(pixel.iter().chain(covariance).chain([area_px, width_px]))?;
+            out.put(&[*colour, *flags])?;
+        }
+        Ok(())
+    }
+
+    /// Takes over what was saved.
+    pub(crate) fn load(&mut self, from: &mut Loader<'_>) -> Done {
+        self.exposed_ns = from.count()?;
+        self.assigned = from.take()?;
+        self.count = from.below(MAX_BLOBS as u64 + 1)? as usize;
+        for blob in &mut self.blobs[..self.count] {
+            let BlobObservation { pixel, covariance, area_px, width_px, colour, flags } = blob;
+            from.numbers(pixel.iter_mut().chain(covariance).chain([&mut *area_px, width_px]))?;
+            [*colour, *flags] = from.take()?;
+            require(*area_px > 0.0, "a blob has no area")?;
+        }
+        Ok(())
     }
 
     /// The valid blobs.

@@ -1,4 +1,7 @@
-//! The process: fields in, frames out. The only module that knows the clock and the transport.
+//! The process: fields in, frames and checkpoints out. The only module that knows the clock and the
+//! transport.
+
+mod saving;
 
 use crate::assembler::{ClosedFrame, FrameAssembler};
 use crate::config::Config;
@@ -17,6 +20,7 @@ use protocol::message::Message;
 use protocol::poses::{ClosedBy, TrackerFrame};
 use protocol::rig::Rig;
 use protocol::time::Nanos;
+use saving::Saving;
 use std::collections::VecDeque;
 
 /// Runs the tracker until it is asked to stop.
@@ -30,6 +34,7 @@ pub fn run(config: &Config) -> anyhow::Result<()> {
 struct TrackerProcess {
     blobs: Receiver<BlobField>,
     poses: Sender<TrackerFrame>,
+    saving: Saving,
     shell: Shell,
     assembler: FrameAssembler,
     tracker: Tracker,
@@ -47,12 +52,14 @@ impl TrackerProcess {
         let rig = Rig::load_or_shipped(config.rig.as_deref()).context("--rig")?;
         rig_check::check(&rig).context("this rig cannot work")?;
         let (instance, shell) = Shell::start(Process::Tracker, &config.shell).context("cannot start")?;
+        let tracker = Tracker::with(&rig, !config.fixed_rig);
         Ok(TrackerProcess {
             blobs: instance.receiver(Queue::InOrder)?,
             poses: instance.sender()?,
+            saving: Saving::open(&instance, &tracker)?,
             shell,
             assembler: FrameAssembler::new(&rig),
-            tracker: Tracker::with(&rig, !config.fixed_rig),
+            tracker,
             told: Report::default(),
             withheld: 0,
             newest: VecDeque::with_capacity(MAX_FIELDS_USED),
@@ -100,7 +107,8 @@ impl TrackerProcess {
             self.shell.set_text(&format!("{} frames withheld", self.withheld));
             return Ok(());
         }
-        Ok(self.poses.send(&frame)?)
+        self.poses.send(&frame)?;
+        self.saving.save_if_due(&self.tracker, &frame)
     }
 
     /// Tells what is new, and updates the figures of the next heartbeat.
@@ -163,6 +171,7 @@ impl Work<anyhow::Error> for TrackerProcess {
         let (Command::Reset | Command::Load) = command else { return Ok(Served::NothingToDo) };
         self.tracker.reset();
         self.told.reset();
+        self.saving.now();
         self.assembler.reset();
         Ok(Served::Done)
     }

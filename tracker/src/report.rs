@@ -3,7 +3,7 @@
 use crate::tracker::Tracker;
 
 /// Tells each thing once.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Report {
     drift: bool,
     restarts: u64,

@@ -12,9 +12,11 @@
 //! and its information never falls below a share of the typical motion's in any direction, so that a hand
 //! at rest does not wind it up.
 
+use crate::checkpoint::{Done, Loader, Saver};
 use crate::motion_models::VoluntaryMotion;
 use crate::ud_covariance::UdCovariance;
 use nalgebra::{SMatrix, SVector, Vector3};
+use std::sync::Arc;
 
 /// Number of horizons: 1 to 4 fields, 20 to 80 ms.
 pub const HORIZONS: usize = 4;
@@ -51,12 +53,12 @@ pub struct RlsPredictor<const L: usize> {
     /// measured.
     pending: [PendingUpdate<L>; HORIZONS],
     /// What it starts with.
-    typical: Box<Learnt<L>>,
+    typical: Arc<Learnt<L>>,
     /// A factor F of the information that is added every `L` fields, F·Fᵀ; a column a field.
-    floor: Box<SMatrix<f64, L, L>>,
+    floor: Arc<SMatrix<f64, L, L>>,
     next_floor: usize,
     /// Movements that the tip may make at any time.
-    swings: Option<Box<[Swing<L>; SWINGS]>>,
+    swings: Option<Arc<[Swing<L>; SWINGS]>>,
     next_swing: usize,
 }
 
@@ -134,11 +136,11 @@ impl<const L: usize> RlsPredictor<L> {
         RlsPredictor {
             learnt: typical.clone(),
             pending: [PendingUpdate::NONE; HORIZONS],
-            typical: Box::new(typical),
-            floor: Box::new(root * libm::sqrt(share)),
+            typical: Arc::new(typical),
+            floor: Arc::new(root * libm::sqrt(share)),
             next_floor: 0,
             swings: (swing_mm_s2 > 0.0)
-                .then(|| Box::new(std::array::from_fn(|n| Swing::new(n, period_s, swing_mm_s2)))),
+                .then(|| Arc::new(std::array::from_fn(|n| Swing::new(n, period_s, swing_mm_s2)))),
             next_swing: 0,
         }
     }
@@ -184,6 +186,29 @@ impl<const L: usize> RlsPredictor<L> {
             *weights += gain * (moved - bends.dot(weights));
         }
         self.next_swing = (self.next_swing + 1) % SWINGS;
+    }
+
+    /// Writes what it has learnt, and what waits to be learnt from.
+    pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
+        let RlsPredictor { learnt, pending, next_floor, next_swing, typical: _, floor: _, swings: _ } = self;
+        learnt.covariance.save(out)?;
+        out.numbers(learnt.weights.iter().flatten())?;
+        for PendingUpdate { gains, bends } in pending {
+            out.numbers(gains.iter().chain(bends).flatten())?;
+        }
+        out.put(&[*next_floor as u64, *next_swing as u64])
+    }
+
+    /// Takes over what was saved.
+    pub(crate) fn load(&mut self, from: &mut Loader<'_>) -> Done {
+        self.learnt.covariance.load(from)?;
+        from.numbers(self.learnt.weights.iter_mut().flatten())?;
+        for PendingUpdate { gains, bends } in &mut self.pending {
+            from.numbers(gains.iter_mut().chain(bends).flatten())?;
+        }
+        self.next_floor = from.below(L as u64)? as usize;
+        self.next_swing = from.below(SWINGS as u64)? as usize;
+        Ok(())
     }
 
     /// Drops the pending updates; the weights are kept.

@@ -3,6 +3,7 @@
 
 use crate::associate::PredictedBody;
 use crate::body_filter::BodyFilter;
+use crate::checkpoint::{Done, Loader, Saver};
 use crate::constants as k;
 use crate::fit::{BlobMatch, PoseFit};
 use crate::instrument_filter::Pivot;
@@ -296,6 +297,37 @@ impl Track {
         } else {
             BodyStatus::Predicted
         }
+    }
+}
+
+impl Track {
+    /// Writes all but the figures of the present frame. Nothing predicts the eye beyond its filter.
+    pub(crate) fn save(&self, model: &BodyModel, out: &mut Saver<'_>) -> Done {
+        let Track { filter, variance_scale, seen_ns, good_ns, measured_ns, roll_ns, .. } = self;
+        let Track { last_pose, last_covariance, frame: _, predictor, restarts, .. } = self;
+        out.put(&filter.is_some())?;
+        filter.as_ref().map_or(Ok(()), |filter| filter.save(out))?;
+        out.numbers([variance_scale])?;
+        for count in seen_ns.iter().chain([good_ns, measured_ns, roll_ns, restarts]) {
+            out.put(count)?;
+        }
+        out.pose(last_pose)?;
+        out.square(6, |r, c| last_covariance[(r, c)])?;
+        if model.is_eye { Ok(()) } else { predictor.save(out) }
+    }
+
+    /// Takes over what was saved.
+    pub(crate) fn load(&mut self, model: &BodyModel, from: &mut Loader<'_>) -> Done {
+        let tracked = from.take()?;
+        self.filter = if tracked { Some(BodyFilter::load(model, from)?) } else { None };
+        self.variance_scale = from.within(k::CHI2_RANGE.0, k::CHI2_RANGE.1)?;
+        let rest = [&mut self.good_ns, &mut self.measured_ns, &mut self.roll_ns, &mut self.restarts];
+        for slot in self.seen_ns.iter_mut().chain(rest) {
+            *slot = from.count()?;
+        }
+        self.last_pose = from.pose()?;
+        from.square(6, |r, c, number| self.last_covariance[(r, c)] = number)?;
+        if model.is_eye { Ok(()) } else { self.predictor.load(from) }
     }
 }
 

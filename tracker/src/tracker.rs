@@ -1,6 +1,10 @@
 //! From camera-fields to poses. Pure: the state depends on the consumed fields in their order only.
 
+mod saved;
 mod update;
+
+pub use saved::TrackerSnapshot;
+pub(crate) use saved::{load_place, save_place};
 
 use crate::acquisition::Acquisition;
 use crate::associate::{Association, Associator};
@@ -34,13 +38,17 @@ pub struct Reference {
 const ORDER: [usize; BODIES] = [EYE, 0, 1];
 
 /// Tracks two instruments and the eye.
+#[derive(Clone)]
 pub struct Tracker {
+    /// As it is estimated to be now.
     rig: RigModel,
+    /// Of the rig as calibrated, and of what is estimated of it.
+    fingerprint: u64,
     drift: Option<DriftEstimator>,
     watch: Option<CameraWatch>,
     /// Updates since the eye was tracked last.
     without_eye: u32,
-    tracks: [Track; BODIES],
+    tracks: Box<[Track; BODIES]>,
     /// Newest field of each camera, by camera id.
     fields: Box<[FieldObservation; MAX_CAMERAS]>,
     /// Running ratio of seen to expected blob areas, by camera id.
@@ -80,8 +88,10 @@ impl Tracker {
 
     /// A fresh tracker for a checked rig; without `estimate_drift` the rig file is trusted.
     pub fn with(rig: &Rig, estimate_drift: bool) -> Self {
+        let fingerprint = saved::fingerprint(rig, estimate_drift);
         let rig = RigModel::new(rig);
         Tracker {
+            fingerprint,
             drift: estimate_drift.then(|| DriftEstimator::new(&rig)),
             watch: estimate_drift.then(|| CameraWatch::new(&rig)),
             without_eye: 0,
@@ -120,7 +130,7 @@ impl Tracker {
 
     /// Forgets everything; the next frame has number 0.
     pub fn reset(&mut self) {
-        self.tracks = Default::default();
+        *self.tracks = Default::default();
         self.area_scales = [1.0; MAX_CAMERAS];
         self.last_ns = 0;
         for field in self.fields.iter_mut() {
@@ -175,7 +185,7 @@ impl Tracker {
         frame.instants.exposed = reference.exposed_ns;
         self.frame += 1;
         self.cameras_in_frame = 0;
-        for track in &mut self.tracks {
+        for track in self.tracks.iter_mut() {
             track.begin_frame();
         }
         frame

@@ -14,6 +14,7 @@
 //! between 0 and 1, so rounding cannot change its sign. A matrix that is updated as P − gain·(P·x)ᵀ has
 //! neither property, and forgetting amplifies what rounding breaks.
 
+use crate::checkpoint::{Done, Loader, Saver, require};
 use nalgebra::{SMatrix, SVector};
 
 /// A covariance of `L` weights, as U and D.
@@ -82,6 +83,19 @@ impl<const L: usize> UdCovariance<L> {
             before = after;
         }
         gain / before
+    }
+
+    /// Writes D, and U above its diagonal.
+    pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
+        out.numbers(&self.diagonal)?;
+        (0..L).try_for_each(|j| out.numbers(self.upper.column(j).iter().take(j)))
+    }
+
+    /// Takes over what was saved.
+    pub(crate) fn load(&mut self, from: &mut Loader<'_>) -> Done {
+        from.numbers(&mut self.diagonal)?;
+        require(self.is_valid(), "a predictor's covariance is not positive definite")?;
+        (0..L).try_for_each(|j| from.numbers(self.upper.column_mut(j).iter_mut().take(j)))
     }
 
     /// True if it is finite and positive definite. What is not finite in U is so in D after the next

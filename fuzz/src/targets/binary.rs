@@ -7,7 +7,9 @@ use calibration::grey_image::GreyImage;
 use fpga_model::input::Picture;
 use fpga_model::input::still;
 use fpga_model::input::y4m::Clip;
+use protocol::blobs::BlobField;
 use protocol::journal;
+use protocol::rig::Rig;
 use recording::Recording;
 use renderer::tools::TOOLS;
 use results::Store;
@@ -18,6 +20,11 @@ use std::cell::RefCell;
 use std::hint::black_box;
 use std::io::Cursor;
 use std::time::Duration;
+use tracker::assembler::FrameAssembler;
+use tracker::tracker::Tracker;
+
+/// Camera-fields that a tracker has seen before its checkpoint.
+const TRACKED: usize = 60;
 
 /// Targets of all readers of such files.
 pub fn targets() -> Vec<Target> {
@@ -27,6 +34,7 @@ pub fn targets() -> Vec<Target> {
         target("recording", recording, corpus::recordings, 96 << 10),
         target("journal", journal, corpus::journals, 64 << 10),
         target("state", checkpoint, checkpoints, 512 << 10),
+        target("tracker-state", tracker_checkpoint, tracker_checkpoints, 256 << 10),
         target("mesh-glb", mesh, || corpus::shipped(&["assets/instruments"], "glb"), 32 << 10),
         target("fundus", fundus, corpus::photographs, 16 << 10),
         target("grey-picture", |b| drop(black_box(GreyImage::decode(b, "f"))), corpus::pictures, 16 << 10),
@@ -39,6 +47,10 @@ pub fn targets() -> Vec<Target> {
 thread_local! {
     static FILE: Scratch = Scratch::new();
     static WORLD: RefCell<World> = RefCell::new(peel());
+    static TRACKER: RefCell<(Rig, Tracker, Vec<BlobField>)> = RefCell::new({
+        let (tracker, after) = tracked();
+        (Rig::load_or_shipped(None).expect("the shipped rig"), tracker, after)
+    });
 }
 
 fn peel() -> World {
@@ -78,6 +90,39 @@ fn checkpoint(bytes: &[u8]) {
             let frame = corpus::resting_frame(1);
             let input = protocol::steps::StepInput { frame: &frame, handles: &[], pedals: &[] };
             black_box(world.step(&input, &mut simcore::world::no_clock));
+        }
+    });
+}
+
+/// The shipped rig's tracker after some camera-fields, and the fields after those.
+fn tracked() -> (Tracker, Vec<BlobField>) {
+    let rig = Rig::load_or_shipped(None).expect("the shipped rig");
+    let (mut tracker, mut fields) = (Tracker::new(&rig), corpus::camera_fields(TRACKED + 12));
+    let after = fields.split_off(TRACKED);
+    track(&mut tracker, &rig, &fields);
+    (tracker, after)
+}
+
+fn track(tracker: &mut Tracker, rig: &Rig, fields: &[BlobField]) {
+    let mut assembler = FrameAssembler::new(rig);
+    for field in fields {
+        assembler.add(field, field.blobs_out_ns, |used, closed| {
+            black_box(tracker.track(used, &closed.reference));
+        });
+    }
+}
+
+fn tracker_checkpoints() -> Vec<Vec<u8>> {
+    let mut bytes = Vec::new();
+    tracked().0.save(&mut bytes).expect("a checkpoint");
+    vec![bytes]
+}
+
+/// A checkpoint that is taken must be one that the tracker goes on from.
+fn tracker_checkpoint(bytes: &[u8]) {
+    TRACKER.with_borrow_mut(|(rig, tracker, after)| {
+        if tracker.restore(bytes).is_ok() {
+            track(tracker, rig, after);
         }
     });
 }

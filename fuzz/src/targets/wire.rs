@@ -6,6 +6,7 @@ use blob_stream::{parse_line, write_line};
 use bytemuck::Zeroable;
 use protocol::blobs::BlobField;
 use protocol::budget::{frame_latencies, pose_latencies, step_latencies};
+use protocol::checkpoints::TrackerCheckpointHeader;
 use protocol::control::{Answer, Command, Notice, Request};
 use protocol::events::Event;
 use protocol::fields::{FieldHeader, FieldPicture};
@@ -36,6 +37,11 @@ pub fn targets() -> Vec<Target> {
         target::<StepRecord>("step", |b| take(b, step)),
         target::<CheckpointHeader>("checkpoint", |b| {
             take(b, |c: &CheckpointHeader, rare| item(rare, || Item::Checkpoint(*c, vec![1; 9])));
+        }),
+        target::<TrackerCheckpointHeader>("tracker-checkpoint", |b| {
+            take(b, |c: &TrackerCheckpointHeader, rare| {
+                item(rare, || Item::TrackerCheckpoint(*c, vec![1; 9]));
+            });
         }),
         target::<Event>("event", |b| take(b, event)),
         target::<FrameRecord>("frame", |b| take(b, frame)),

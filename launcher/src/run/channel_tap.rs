@@ -1,8 +1,9 @@
 //! A receiver on every channel, for the launcher.
 
 use crate::runtime::Wakeups;
-use ipc::{BlockReceiver, Instance, IpcError, MAX_SOURCES, Queue, Receiver, Wakes, wait};
+use ipc::{BlockReceiver, BlockSample, Instance, IpcError, MAX_SOURCES, Queue, Receiver, Wakes, wait};
 use protocol::blobs::BlobField;
+use protocol::checkpoints::TrackerCheckpointHeader;
 use protocol::control::{Answer, Request};
 use protocol::events::Event;
 use protocol::frames::{FrameRecord, PictureHeader};
@@ -32,6 +33,7 @@ pub struct ChannelTap {
     events: Receiver<Event>,
     frames: Receiver<FrameRecord>,
     checkpoints: BlockReceiver<CheckpointHeader>,
+    tracker_checkpoints: BlockReceiver<TrackerCheckpointHeader>,
     pictures: BlockReceiver<PictureHeader>,
     /// Heartbeats of the processes.
     pub health: Receiver<Health>,
@@ -59,6 +61,11 @@ fn drain<M: Message + std::fmt::Debug>(
     Ok(())
 }
 
+/// A copy of the payload's bytes that are in use.
+fn payload_of<H: Message>(sample: &BlockSample<H>, bytes: u64) -> Vec<u8> {
+    sample.payload()[..(bytes as usize).min(sample.payload().len())].to_vec()
+}
+
 impl ChannelTap {
     /// Opens every channel; to be done before the processes are started, so that nothing is missed.
     ///
@@ -80,6 +87,7 @@ impl ChannelTap {
             events: instance.receiver(Queue::InOrder)?,
             frames: instance.receiver(Queue::InOrder)?,
             checkpoints: instance.block_receiver()?,
+            tracker_checkpoints: instance.block_receiver()?,
             pictures: instance.block_receiver()?,
             health: instance.receiver(Queue::InOrder)?,
             inputs,
@@ -88,7 +96,7 @@ impl ChannelTap {
         })
     }
 
-    fn sources(&self) -> [&dyn Wakes; 13] {
+    fn sources(&self) -> [&dyn Wakes; 14] {
         [
             &self.blobs,
             &self.handles,
@@ -98,6 +106,7 @@ impl ChannelTap {
             &self.events,
             &self.frames,
             &self.checkpoints,
+            &self.tracker_checkpoints,
             &self.pictures,
             &self.health,
             &self.inputs,
@@ -123,10 +132,11 @@ impl ChannelTap {
     pub fn drain(&mut self, now: Nanos, mut take: impl FnMut(Nanos, Item)) -> Result<(), IpcError> {
         self.sources().chunks(MAX_SOURCES).for_each(|sources| wait(sources, 0));
         // What was made first, so that its inputs are surely among what is drained before it.
-        let checkpoint = self.checkpoints.receive()?.map(|sample| {
-            let bytes = (sample.header().bytes as usize).min(sample.payload().len());
-            Item::Checkpoint(*sample.header(), sample.payload()[..bytes].to_vec())
-        });
+        let of_tracker = self.tracker_checkpoints.receive()?;
+        let of_tracker =
+            of_tracker.map(|s| Item::TrackerCheckpoint(*s.header(), payload_of(&s, s.header().bytes)));
+        let checkpoint = self.checkpoints.receive()?;
+        let checkpoint = checkpoint.map(|s| Item::Checkpoint(*s.header(), payload_of(&s, s.header().bytes)));
         let (mut steps, mut poses) = (Vec::new(), Vec::new());
         drain(&mut self.steps, now, Item::Step, &mut |at, item| steps.push((at, item)))?;
         drain(&mut self.poses, now, |p| Item::Poses(Box::new(p)), &mut |at, item| poses.push((at, item)))?;
@@ -136,10 +146,9 @@ impl ChannelTap {
         poses.into_iter().chain(steps).for_each(|(at, item)| take(at, item));
         drain(&mut self.events, now, Item::Event, &mut take)?;
         drain(&mut self.frames, now, Item::Frame, &mut take)?;
-        checkpoint.into_iter().for_each(|item| take(now, item));
+        of_tracker.into_iter().chain(checkpoint).for_each(|item| take(now, item));
         if let Some(sample) = self.pictures.receive()? {
-            let bytes = (sample.header().bytes as usize).min(sample.payload().len());
-            let item = Item::Picture(*sample.header(), sample.payload()[..bytes].to_vec());
+            let item = Item::Picture(*sample.header(), payload_of(&sample, sample.header().bytes));
             take(item.instant_ns().unwrap_or(now), item);
         }
         Ok(())

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 /// Checkpoints kept: two from which a simulation may go on, and the one before them, since which
 /// everything has come that the older of the two has not consumed.
 const CHECKPOINTS: usize = 3;
-/// Items kept. A checkpoint comes every 5 s at least, in which some 1,300 of them arrive.
+/// Items kept. A checkpoint comes every 2 s at least, in which some 500 of them arrive.
 const ROOM: usize = 16_384;
 /// Deaths in a row while resuming after which another past is tried: that since the checkpoint
 /// before the newest, then none.

@@ -107,3 +107,36 @@ fn a_note_of_loss_leaves_the_poses_determined() {
     assert!(all.iter().all(|t| t.determined));
     assert_eq!(all.iter().map(|t| t.lost.is_some()).collect::<Vec<_>>(), [false, true]);
 }
+
+fn checkpoint(frame: u64, exposed_ns: u64) -> Item {
+    let header = TrackerCheckpointHeader { frame, field: frame + 10, exposed_ns, bytes: 1 };
+    Item::TrackerCheckpoint(header, vec![frame as u8])
+}
+
+/// A frame of its own field, with its exposure.
+fn exposed(frame: u64) -> Item {
+    let Item::Poses(mut block) = pose(frame, &[(0, frame)]) else { unreachable!() };
+    block.instants.exposed = (frame + 1) * 20 * MS;
+    Item::Poses(block)
+}
+
+#[test]
+fn a_checkpoint_leads_over_a_gap_from_the_frame_after_it() {
+    let with = |checkpoints: &[(u64, u64)]| {
+        let mut items = Vec::new();
+        for frame in (0..8).filter(|frame| *frame != 2) {
+            items.extend([(20 * frame, blobs(0, frame)), (20 * frame + 1, exposed(frame))]);
+            let own = checkpoints.iter().filter(|(of, _)| *of == frame);
+            items.extend(own.map(|(of, at)| (20 * frame + 2, checkpoint(*of, *at))));
+        }
+        let all = turns(items);
+        let known = all.iter().map(|t| t.known.as_ref().map(|known| known[0])).collect::<Vec<_>>();
+        (all.iter().map(|t| t.determined).collect::<Vec<_>>(), known)
+    };
+    let of = |frame: u64| (frame, (frame + 1) * 20 * MS);
+    let (determined, known) = with(&[of(1), of(4), of(6)]);
+    assert_eq!(determined, [true, true, false, false, true, true, true], "from frame 5 on");
+    assert_eq!(known, [None, None, None, None, Some(4), None, None], "others are not needed");
+    // Of another run of the tracker, whose frames have the same numbers.
+    assert_eq!(with(&[(4, 900_000 * MS)]).0, [true, true, false, false, false, false, false]);
+}

@@ -4,8 +4,17 @@ use outputs::Force;
 use std::path::PathBuf;
 
 /// Topics that can be written as tables.
-pub const TABLES: [&str; 8] =
-    ["handles", "pedal", "steps", "events", "frames", "notes", "checkpoints", "pictures"];
+pub const TABLES: [&str; 9] = [
+    "handles",
+    "pedal",
+    "steps",
+    "events",
+    "frames",
+    "notes",
+    "checkpoints",
+    "tracker-checkpoints",
+    "pictures",
+];
 
 /// Arguments of `vitreo export`.
 #[derive(Debug, clap::Args)]
@@ -38,7 +47,7 @@ pub struct What {
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
     /// Write a topic as a table: handles, pedal, steps, events, frames, notes, checkpoints,
-    /// pictures.
+    /// tracker-checkpoints, pictures.
     #[arg(long, value_name = "TOPIC", value_parser = TABLES)]
     pub csv: Option<String>,
 }

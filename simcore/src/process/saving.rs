@@ -3,7 +3,8 @@
 use crate::world::World;
 use anyhow::Context;
 use ipc::{BlockSender, Instance, IpcError};
-use protocol::limits::{CHECKPOINT_LEAST_NS, CHECKPOINT_NS, CHECKPOINT_WORK_NS, MAX_CHECKPOINT_BYTES};
+use protocol::checkpoints::CheckpointTimes;
+use protocol::limits::{CHECKPOINT_LEAST_NS, CHECKPOINT_WORK_NS, MAX_CHECKPOINT_BYTES};
 use protocol::steps::CheckpointHeader;
 use protocol::time::Nanos;
 
@@ -23,21 +24,24 @@ pub(super) struct Saving {
 /// When a checkpoint is due. Pure.
 #[derive(Debug, Default)]
 struct Due {
-    /// `None` before the first.
-    last_ns: Option<Nanos>,
+    /// Frames after which the tracker makes one too.
+    times: CheckpointTimes,
+    /// When the last one was made.
+    last_ns: Nanos,
     /// Time spent on steps since.
     work_ns: u64,
 }
 
 impl Due {
-    /// Takes a step that began and ended at these instants; true if a checkpoint is due after it.
-    fn after_step(&mut self, [begun, ended]: [Nanos; 2]) -> bool {
+    /// Takes a step with the frame of this exposure that began and ended at these instants; true if a
+    /// checkpoint is due after it.
+    fn after_step(&mut self, exposed_ns: Nanos, [begun, ended]: [Nanos; 2]) -> bool {
         self.work_ns += ended.saturating_sub(begun);
-        let since_ns = self.last_ns.map_or(u64::MAX, |last| ended.saturating_sub(last));
-        let due = since_ns >= CHECKPOINT_NS
-            || (self.work_ns >= CHECKPOINT_WORK_NS && since_ns >= CHECKPOINT_LEAST_NS);
+        let since_ns = ended.saturating_sub(self.last_ns);
+        let heavy = self.work_ns >= CHECKPOINT_WORK_NS && since_ns >= CHECKPOINT_LEAST_NS;
+        let due = self.times.after_frame(exposed_ns) || heavy;
         if due {
-            (self.last_ns, self.work_ns) = (Some(ended), 0);
+            (self.last_ns, self.work_ns) = (ended, 0);
         }
         due
     }
@@ -57,15 +61,15 @@ impl Saving {
         self.due = Due::default();
     }
 
-    /// Sends a checkpoint at the first step, every five seconds, and before it would take long to
-    /// make the steps since the last one again. `step` is when this one began and ended.
+    /// Sends a checkpoint after the first step, after the frames after which the tracker does, and before it
+    /// would take long to make the steps since the last one again. `step` is when this one began and ended.
     pub(super) fn save_if_due(
         &mut self,
         world: &World,
         state_hash: u64,
         step: [Nanos; 2],
     ) -> anyhow::Result<()> {
-        if !self.due.after_step(step) {
+        if !self.due.after_step(world.state().exposed_ns, step) {
             return Ok(());
         }
         world.save(&mut self.saved).context("checkpoint")?;
@@ -103,19 +107,28 @@ mod tests {
     /// Steps of `step_ns` every 20 ms for 20 s: when checkpoints are due, ms.
     fn due(step_ns: u64) -> Vec<u64> {
         let mut due = Due::default();
-        let at = |k: u64| 1_000_000_000 + k * 20_000_000;
-        let all = (0..1000).filter(|&k| due.after_step([at(k), at(k) + step_ns]));
+        let at = |k: u64| 10_000_000_000 + k * 20_000_000;
+        let all =
+            (0..1000).filter(|&k| due.after_step(at(k), [at(k) + 4_000_000, at(k) + 4_000_000 + step_ns]));
         all.map(|k| k * 20).collect()
     }
 
     #[test]
-    fn light_steps_are_saved_every_five_seconds() {
-        assert_eq!(due(400_000), [0, 5000, 10_000, 15_000]);
+    fn light_steps_are_saved_every_two_seconds() {
+        assert_eq!(due(400_000), (0..10).map(|k| 2000 * k).collect::<Vec<_>>());
     }
 
     #[test]
     fn heavy_steps_are_saved_before_it_takes_long_to_make_them_again() {
-        assert_eq!(due(4_000_000)[..4], [0, 1000, 2000, 3000]);
-        assert_eq!(due(19_000_000)[..3], [0, 500, 1000], "and not all the time");
+        assert_eq!(due(2_000_000)[..6], [0, 1000, 2000, 3000, 4000, 5000]);
+        assert_eq!(due(19_000_000)[..5], [0, 500, 1000, 1500, 2000], "and not all the time");
+    }
+
+    #[test]
+    fn every_checkpoint_of_the_tracker_has_one_of_the_simulation() {
+        for step_ns in [400_000, 1_300_000, 3_700_000, 18_000_000] {
+            let found = due(step_ns);
+            assert!((0..10).all(|k| found.contains(&(2000 * k))), "{step_ns}: {found:?}");
+        }
     }
 }

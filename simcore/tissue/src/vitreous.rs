@@ -75,6 +75,15 @@ pub struct Vitreous {
     fresh: Vec<u64>,
 }
 
+/// What follows from a state and would take longer to derive than to copy.
+#[derive(Debug, Clone)]
+pub struct DerivedVitreous {
+    links: Vec<u8>,
+    finder: Finder,
+    /// Where somebody draws the densities.
+    haze: Option<Haze>,
+}
+
 impl Vitreous {
     /// The vitreous of a scene; none if it has none.
     pub fn new(scene: &SceneFile) -> Option<Self> {
@@ -128,6 +137,25 @@ impl Vitreous {
         self.changed.fill(0);
         (0..self.lattice.rows.len()).for_each(|row| self.haze.follow(&self.lattice, state, row));
         self.haze.write();
+    }
+
+    /// A copy of what follows from the present state, between two steps.
+    pub fn derived(&self) -> DerivedVitreous {
+        let haze = self.seen.then(|| self.haze.clone());
+        DerivedVitreous { links: self.links.clone(), finder: self.finder.clone(), haze }
+    }
+
+    /// As [`Self::refresh`], where a copy was made of what follows from `state`.
+    pub fn refresh_from(&mut self, state: &VitreousState, derived: &DerivedVitreous) {
+        if self.seen {
+            let Some(haze) = &derived.haze else { return self.refresh(state) };
+            self.haze.clone_from(haze);
+        }
+        self.links.clone_from(&derived.links);
+        self.finder.clone_from(&derived.finder);
+        self.free();
+        self.fresh.fill(0);
+        self.changed.fill(0);
     }
 
     /// Takes the gel along with a shaft and holds what is inside it until [`Self::free`].

@@ -3,6 +3,7 @@
 
 use super::{scaled_jacobian, sighting, solve};
 use crate::associate::AssociationInput;
+use crate::checkpoint::{Done, Loader, Saver};
 use crate::constants as k;
 use crate::drift::pose_prior;
 use crate::fit::BlobMatch;
@@ -116,6 +117,31 @@ impl Evidence {
         if !(self.gradient().norm() + self.spread.norm()).is_finite() {
             *self = Evidence::default();
         }
+    }
+
+    /// Writes the evidence.
+    pub(super) fn save(&self, out: &mut Saver<'_>) -> Done {
+        let Evidence { bodies, spread, blobs, fields, at_ns } = self;
+        for Share { information, gradient } in bodies {
+            out.square(6, |r, c| information[(r, c)])?;
+            out.numbers(gradient)?;
+        }
+        out.square(6, |r, c| spread[(r, c)])?;
+        out.numbers([blobs, fields])?;
+        out.put(at_ns)
+    }
+
+    /// Takes over what was saved.
+    pub(super) fn load(&mut self, from: &mut Loader<'_>) -> Done {
+        let Evidence { bodies, spread, blobs, fields, at_ns } = self;
+        for Share { information, gradient } in bodies {
+            from.square(6, |r, c, number| information[(r, c)] = number)?;
+            from.numbers(gradient)?;
+        }
+        from.square(6, |r, c, number| spread[(r, c)] = number)?;
+        from.numbers([blobs, fields])?;
+        *at_ns = from.count()?;
+        Ok(())
     }
 
     fn estimate(&self) -> Option<Vector6> {

@@ -3,10 +3,12 @@
 
 use super::{moved, scaled_jacobian, sighting, solve};
 use crate::associate::{AssociationInput, PredictedBody};
+use crate::checkpoint::{Done, Loader, Saver};
 use crate::constants as k;
 use crate::observation::{FieldObservation, camera_of};
 use crate::pose_math::{Matrix6, Vector6, propagated};
 use crate::projection::{PoseMatrix, project_point};
+use crate::tracker::{load_place, save_place};
 use nalgebra::{Point3, Rotation3, Vector2, Vector3};
 use protocol::camera::Camera;
 use protocol::limits::{BODIES, MAX_MARKERS};
@@ -47,6 +49,45 @@ impl Resection {
         self.sightings.clear();
         self.offsets.clear();
         (self.estimate, self.fields, self.wanted, self.overrun_noted) = (None, 0, wanted, false);
+    }
+
+    /// Writes what was seen of the camera, and where it is estimated to stand.
+    pub(super) fn save(&self, out: &mut Saver<'_>) -> Done {
+        let Resection { sightings, estimate, fields, wanted, offsets, overrun_noted } = self;
+        out.put(&(*fields, *wanted, overrun_noted, sightings.len() as u64, offsets.len() as u64))?;
+        for (point, pixel) in sightings {
+            out.numbers(point.coords.iter().chain(pixel))?;
+        }
+        out.numbers(offsets.iter().flatten())?;
+        out.put(&estimate.is_some())?;
+        estimate.as_ref().map_or(Ok(()), |camera| save_place(camera, out))
+    }
+
+    /// Takes over what was saved of a camera.
+    pub(super) fn load(&mut self, calibrated: &Camera, from: &mut Loader<'_>) -> Done {
+        (self.fields, self.wanted) = (from.count()?, from.count()?);
+        self.overrun_noted = from.take()?;
+        let sightings = from.below(k::RESECTION_SIGHTINGS as u64 + 1)?;
+        let offsets = from.below(k::RESECTION_CHECKED as u64 + 1)?;
+        self.sightings.clear();
+        self.offsets.clear();
+        for _ in 0..sightings {
+            let (mut point, mut pixel) = (Point3::origin(), Vector2::zeros());
+            from.numbers(point.coords.iter_mut().chain(&mut pixel))?;
+            self.sightings.push_back((point, pixel));
+        }
+        for _ in 0..offsets {
+            let mut offset = Vector2::zeros();
+            from.numbers(&mut offset)?;
+            self.offsets.push_back(offset);
+        }
+        self.estimate = None;
+        if from.take()? {
+            let mut estimate = calibrated.clone();
+            load_place(&mut estimate, from)?;
+            self.estimate = Some(estimate);
+        }
+        Ok(())
     }
 
     /// Adds a field of the camera, and improves the estimate by one step.

@@ -53,7 +53,7 @@ impl Tracker {
             return None;
         }
         if self.last_ns > 0 && time_ns.abs_diff(self.last_ns) > k::MAX_GAP_NS {
-            self.tracks = std::array::from_fn(|_| Track::default());
+            *self.tracks = std::array::from_fn(|_| Track::default());
             self.last_ns = 0;
         }
         // A field that came late is used at its own instant, from the newer state.

@@ -1,0 +1,105 @@
+//! Over a gap, tracker and world go on from their checkpoints.
+
+use super::*;
+use protocol::checkpoints::TrackerCheckpointHeader;
+use recording::Writer;
+use scene::SceneFile;
+use std::path::{Path, PathBuf};
+
+/// Frame after which the copy of the golden recording has a checkpoint of its tracker.
+const SAVED: u64 = 40;
+
+fn golden() -> Recording {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data/golden/peel-2s.mcap");
+    Recording::open(&path).unwrap()
+}
+
+fn begin(recording: &Recording) -> Recorded {
+    let provenance = recording.provenance();
+    let scene = SceneFile::parse(&provenance.scene_toml, "recorded").unwrap();
+    let rig = Rig::parse(&provenance.rig_json, "recorded").unwrap();
+    Recorded::new(recording, &rig, World::new(&scene).unwrap().unseen())
+}
+
+/// What the golden recording's tracker knew after a frame.
+fn known_after(frame: u64) -> Item {
+    let recording = golden();
+    let mut run = begin(&recording);
+    let mut header = TrackerCheckpointHeader { frame, field: 0, exposed_ns: 0, bytes: 0 };
+    let until = |made: Made<'_>| {
+        let Made::Frame(turn, _) = made else { return Ok(ControlFlow::Continue(())) };
+        (header.field, header.exposed_ns) = (turn.recorded.field, turn.recorded.instants.exposed);
+        let reached = turn.recorded.frame == frame;
+        Ok(if reached { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
+    };
+    assert!(run.run(until).unwrap());
+    let mut state = Vec::new();
+    run.tracker.as_ref().unwrap().0.save(&mut state).unwrap();
+    header.bytes = state.len() as u64;
+    Item::TrackerCheckpoint(header, state)
+}
+
+/// The golden recording with a checkpoint of the tracker, without the items that `lost` names.
+fn copy(folder: &Path, spoil: bool, lost: impl Fn(&Item) -> bool) -> PathBuf {
+    let (from, path) = (golden(), folder.join("copy.mcap"));
+    let mut checkpoint = known_after(SAVED);
+    if let (true, Item::TrackerCheckpoint(_, state)) = (spoil, &mut checkpoint) {
+        state.truncate(1000);
+    }
+    let mut writer = Writer::create(&path, from.provenance()).unwrap();
+    for item in from.items() {
+        let (at, item) = item.unwrap();
+        let saved = matches!(&item, Item::Poses(frame) if frame.frame == SAVED);
+        if !lost(&item) {
+            writer.write(at, &item).unwrap();
+        }
+        if saved {
+            writer.write(at, &checkpoint).unwrap();
+        }
+    }
+    writer.finish().unwrap();
+    path
+}
+
+/// Frames that are determined, each of which is as it was recorded.
+fn determined(file: &Path) -> Vec<u64> {
+    let recording = Recording::open(file).unwrap();
+    let mut frames = Vec::new();
+    let take = |made: Made<'_>| {
+        if let Made::Frame(turn, frame) = made
+            && turn.determined
+        {
+            let bytes = |frame: &TrackerFrame| bytemuck::bytes_of(&frame.bodies).to_vec();
+            assert!(bytes(frame) == bytes(&turn.recorded), "frame {}", frame.frame);
+            frames.push(frame.frame);
+        }
+        Ok(ControlFlow::Continue(()))
+    };
+    begin(&recording).run(take).unwrap();
+    frames
+}
+
+#[test]
+fn poses_behind_a_gap_are_determined_again_from_the_trackers_checkpoint() {
+    let folder = tempfile::tempdir().unwrap();
+    let field = |item: &Item, fields: std::ops::Range<u64>| match item {
+        Item::Blobs(blobs) => fields.contains(&blobs.field),
+        _ => false,
+    };
+    let all = determined(&copy(folder.path(), false, |_| false));
+    let last = *all.last().unwrap();
+    assert!(last > SAVED + 40 && all.len() as u64 == last + 1, "{all:?}");
+    for gap in [12..13, 12..20, 5..41] {
+        let left = determined(&copy(folder.path(), false, |item| field(item, gap.clone())));
+        assert!(left.iter().copied().eq((0..gap.start).chain(SAVED + 1..=last)), "{gap:?}: {left:?}");
+    }
+    // Fields and frames of a second, the frame of the checkpoint among them.
+    let both = |item: &Item| match item {
+        Item::Poses(frame) => (20..=SAVED).contains(&frame.frame),
+        other => field(other, 20..SAVED + 1),
+    };
+    let left = determined(&copy(folder.path(), false, both));
+    assert!(left.iter().copied().eq((0..20).chain(SAVED + 1..=last)), "{left:?}");
+    let left = determined(&copy(folder.path(), true, |item| field(item, 12..13)));
+    assert!(left.iter().copied().eq(0..12), "a checkpoint that is damaged is of no use: {left:?}");
+}

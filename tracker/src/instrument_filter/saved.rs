@@ -1,0 +1,41 @@
+//! An instrument's filter in a checkpoint.
+
+use super::{InstrumentFilter, N, Pivot};
+use crate::checkpoint::{CheckpointError, Done, Loader, Saver};
+use crate::pose_math::Matrix6;
+use nalgebra::{Isometry3, Vector3};
+
+impl InstrumentFilter {
+    /// Writes the filter.
+    pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
+        let InstrumentFilter { vectors, roll_rate, roll_acceleration, roll_tremor, rotation, .. } = self;
+        let InstrumentFilter { pivot, tremor_variance, roll_tremor_variance, voluntary_variance, .. } = self;
+        let InstrumentFilter { nis_ratio, covariance, time_ns, .. } = self;
+        out.put(time_ns)?;
+        out.rotation(rotation)?;
+        out.numbers(vectors.iter().flatten())?;
+        out.numbers([roll_rate, roll_acceleration, voluntary_variance, nis_ratio])?;
+        out.numbers(roll_tremor.iter().flatten().chain(tremor_variance).chain(roll_tremor_variance))?;
+        out.numbers(pivot.position.iter().chain([&pivot.sigma]))?;
+        out.put(&pivot.tracked)?;
+        out.square(N, |r, c| covariance[r][c])
+    }
+
+    /// The filter that was saved.
+    pub(crate) fn load(from: &mut Loader<'_>) -> Result<Self, CheckpointError> {
+        let time_ns = from.count()?;
+        let pivot = Pivot { position: Vector3::zeros(), sigma: 0.0, tracked: false };
+        let mut filter = Self::new(&Isometry3::identity(), &Matrix6::zeros(), Some(pivot), time_ns);
+        filter.rotation = from.rotation()?;
+        from.numbers(filter.vectors.iter_mut().flatten())?;
+        let InstrumentFilter { roll_rate, roll_acceleration, voluntary_variance, nis_ratio, .. } =
+            &mut filter;
+        from.numbers([roll_rate, roll_acceleration, voluntary_variance, nis_ratio])?;
+        let InstrumentFilter { roll_tremor, tremor_variance, roll_tremor_variance, pivot, .. } = &mut filter;
+        from.numbers(roll_tremor.iter_mut().flatten().chain(tremor_variance).chain(roll_tremor_variance))?;
+        from.numbers(pivot.position.iter_mut().chain([&mut pivot.sigma]))?;
+        pivot.tracked = from.take()?;
+        from.square(N, |r, c, number| filter.covariance[r][c] = number)?;
+        Ok(filter)
+    }
+}
