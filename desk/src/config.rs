@@ -1,8 +1,7 @@
 //! Arguments of the process.
 
 use ipc::shell::ShellArgs;
-use scene::DEFAULT_SCENE;
-use std::path::PathBuf;
+use settings::commands::processes::{DeskArgs, GAMEPAD, MOUSE, RigArgs, SceneArgs};
 
 /// Moves two instruments by mouse, keyboard or gamepad.
 #[derive(Debug, Clone, clap::Parser)]
@@ -11,22 +10,30 @@ pub struct Config {
     /// What every process takes.
     #[command(flatten)]
     pub shell: ShellArgs,
-    /// Rig file; the shipped one if none is named. Its trocars are where the shafts pass.
-    #[arg(long, value_name = "RIG.json")]
-    pub rig: Option<PathBuf>,
-    /// Scene: instruments, and where they are at the start.
-    #[arg(long, default_value = DEFAULT_SCENE, value_name = "NAME|FILE")]
-    pub scene: String,
-    /// What to listen to.
-    #[arg(long, value_enum, default_value_t, value_name = "WHAT", conflicts_with = "inputs")]
-    pub input: InputSource,
-    /// Play a file of inputs instead, and finish with it.
-    #[arg(long, value_name = "FILE")]
-    pub inputs: Option<PathBuf>,
+    /// The rig; its trocars are where the shafts pass.
+    #[command(flatten)]
+    pub rig: RigArgs,
+    /// The scene: instruments, and where they are at the start.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// What a person works with.
+    #[command(flatten)]
+    pub desk: DeskArgs,
+}
+
+impl Config {
+    /// What is listened to.
+    pub fn input(&self) -> InputSource {
+        match self.desk.input.as_deref() {
+            Some(MOUSE) => InputSource::Mouse,
+            Some(GAMEPAD) => InputSource::Gamepad,
+            _ => InputSource::Auto,
+        }
+    }
 }
 
 /// Sources of inputs.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum InputSource {
     /// The window, and a gamepad where there is one.
     #[default]

@@ -20,7 +20,7 @@ use protocol::message::text_bytes;
 use protocol::poses::TrackerFrame;
 use protocol::rig::Rig;
 use protocol::time::Nanos;
-use scene::SceneFile;
+use scene::{DEFAULT_SCENE, SceneFile};
 
 /// The pedal is sent when it changes, and with every fifth field: 10 times a second.
 const PEDAL_EVERY: u64 = 5;
@@ -64,11 +64,11 @@ struct DeskShell {
 
 impl DeskShell {
     fn open(config: &Config) -> Result<Self> {
-        let rig = Rig::load_or_shipped(config.rig.as_deref()).context("--rig")?;
-        let guidance = Guidance::new(&SceneFile::load(&config.scene)?, &rig);
+        let rig = Rig::load_or_shipped(config.rig.rig.as_deref()).context("--rig")?;
+        let guidance = Guidance::new(&SceneFile::load(config.scene.name(DEFAULT_SCENE))?, &rig);
         let player =
-            config.inputs.as_deref().map(Inputs::load).transpose().context("--inputs")?.map(Player::new);
-        let gamepad = match (config.input, &player) {
+            config.desk.inputs.as_deref().map(Inputs::load).transpose().context("--inputs")?.map(Player::new);
+        let gamepad = match (config.input(), &player) {
             (InputSource::Gamepad, None) => Some(Gamepad::require()?),
             (InputSource::Auto, None) => Gamepad::find(),
             _ => None,
@@ -107,7 +107,7 @@ impl DeskShell {
         while let Some(event) = self.window_inputs.next_valid()? {
             let from_window = event.origin == Origin::Window as u32 && self.player.is_none();
             let moves = |i: &Input| matches!(i, Input::Move(_) | Input::Wheel(_));
-            let wanted = |i: &Input| self.config.input != InputSource::Gamepad || !moves(i);
+            let wanted = |i: &Input| self.config.input() != InputSource::Gamepad || !moves(i);
             if let Some(input) = event.input().filter(|i| from_window && wanted(i)) {
                 self.apply(input);
             }
@@ -201,7 +201,7 @@ impl DeskShell {
 
     /// Begins anew, with the scene that its file holds now.
     fn reload(&mut self) -> Result<()> {
-        self.guidance = Guidance::new(&SceneFile::load(&self.config.scene)?, &self.rig);
+        self.guidance = Guidance::new(&SceneFile::load(self.config.scene.name(DEFAULT_SCENE))?, &self.rig);
         (self.field, self.next_pedal) = (0, 0);
         self.last_hint.clear();
         Ok(())

@@ -2,8 +2,8 @@
 
 use crate::commands::Command;
 use ipc::shell::ShellArgs;
+use settings::commands::processes::RigArgs;
 use settings::{Program, SettingsArgs};
-use std::path::PathBuf;
 
 /// What vitreo.toml says to the sub-commands; a process of a run reads no file.
 pub const SETTINGS: Program = Program { prefix: "", without: &[], elsewhere: None };
@@ -22,7 +22,7 @@ pub struct Config {
     /// Whether files of settings are read.
     #[command(flatten)]
     pub settings: SettingsArgs,
-    /// Rig file; the shipped one if none is named.
-    #[arg(long, value_name = "RIG.json")]
-    pub rig: Option<PathBuf>,
+    /// The rig.
+    #[command(flatten)]
+    pub rig: RigArgs,
 }

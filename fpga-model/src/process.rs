@@ -26,7 +26,7 @@ use protocol::time::Nanos;
 /// # Errors
 /// Where the rig cannot be read or simulated, or a channel fails.
 pub fn run(config: &Config) -> Result<()> {
-    let rig = Rig::load_or_shipped(config.rig.as_deref()).context("--rig")?;
+    let rig = Rig::load_or_shipped(config.rig.rig.as_deref()).context("--rig")?;
     let extractors = rig.cameras().iter().map(|c| CameraExtractor::new(&rig, c)).collect::<Result<_, _>>()?;
     ipc::shell::run(&mut FpgaModelShell::open(config, extractors)?)
 }

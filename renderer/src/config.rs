@@ -1,10 +1,9 @@
 //! Arguments of the program.
 
-use crate::photograph::FundusArgs;
 use crate::present::window::WindowConfig;
 use crate::stereo::Arrangement;
 use ipc::shell::ShellArgs;
-use std::path::PathBuf;
+use settings::commands::processes::{PictureArgs, RigArgs, SceneArgs};
 
 /// Pictures a second of a video.
 pub const VIDEO_HZ: u32 = 25;
@@ -22,61 +21,37 @@ pub const MAX_PICTURES_HZ: f64 = 15.0;
 
 /// Draws the surgeon's stereo view.
 #[derive(Debug, Clone, clap::Parser)]
-#[command(name = "vitreo-renderer")]
+#[command(name = "vitreo-renderer", mut_arg("full_screen", |arg| arg.requires("window")))]
 pub struct Config {
     /// What every process takes.
     #[command(flatten)]
     pub shell: ShellArgs,
-    /// Rig file (default: the shipped rig); gives the length of the instruments.
-    #[arg(long, value_name = "RIG.json")]
-    pub rig: Option<PathBuf>,
-    /// Scene by name or file; gives eye, membrane size and shafts.
-    #[arg(long, value_name = "NAME|FILE", default_value = scene::DEFAULT_SCENE)]
-    pub scene: String,
-    /// The fundus photograph.
+    /// The rig; gives the length of the instruments.
     #[command(flatten)]
-    pub fundus: FundusArgs,
-    /// Folder with the instruments' meshes (forceps.glb, light-pipe.glb, pick.glb, vitrector.glb,
-    /// needle.glb) to draw instead of the shipped ones.
-    #[arg(long, value_name = "DIR")]
-    pub instruments: Option<PathBuf>,
+    pub rig: RigArgs,
+    /// The scene; gives eye, membrane size and shafts.
+    #[command(flatten)]
+    pub scene: SceneArgs,
     /// Draw without a window (the default).
     #[arg(long, conflicts_with = "window")]
     pub headless: bool,
     /// Show the picture in a window.
     #[arg(long)]
     pub window: bool,
-    /// How the two channels share the picture, in the window and in files.
-    #[arg(long, value_enum, value_name = "HOW", default_value_t)]
-    pub arrange: Arrangement,
-    /// Fill the monitor (F11 or F switches, Escape leaves).
-    #[arg(long, requires = "window")]
-    pub full_screen: bool,
-    /// The monitor to fill, by name or number.
-    #[arg(long, requires = "full_screen", value_name = "NAME|N")]
-    pub monitor: Option<String>,
+    /// How the picture is drawn, and where it goes: a still every second, and the last picture as
+    /// last.png; a video of 25 pictures a second.
+    #[command(flatten)]
+    pub picture: PictureArgs,
     /// A person works by mouse and keyboard: texts name keys; a click into the window takes the
     /// mouse, Escape frees it.
     #[arg(long)]
     pub desk: bool,
-    /// Draw the dose of light over the retina (L in the window shows and hides it).
-    #[arg(long)]
-    pub show_dose: bool,
-    /// Save a still every second, and the last picture as last.png, in this folder.
-    #[arg(long, value_name = "DIR")]
-    pub stills: Option<PathBuf>,
-    /// Save a video at 25 pictures a second, by its ending MP4 (H.264) or Y4M.
-    #[arg(long, value_name = "FILE.mp4|FILE.y4m", value_parser = outputs::video_file)]
-    pub video: Option<PathBuf>,
     /// Whether files that exist are written over.
     #[command(flatten)]
     pub force: outputs::Force,
     /// Small pictures a second for console and recorder, 0 to 15.
     #[arg(long, value_name = "HZ", default_value_t = 2.0, value_parser = pictures_hz)]
     pub pictures_hz: f64,
-    /// Destroy the graphics device after this many frames, to test that the other processes go on.
-    #[arg(long, value_name = "FRAMES", hide = true)]
-    pub lose_device_after: Option<u64>,
     /// Niceness of the process; below 0 it needs a right, without which it stays as it is.
     #[arg(long, value_name = "N", hide = true, allow_negative_numbers = true, value_parser = clap::value_parser!(i32).range(-20..20))]
     pub niceness: Option<i32>,
@@ -92,13 +67,18 @@ pub struct Config {
 }
 
 impl Config {
+    /// How the two channels share the picture.
+    pub fn arrangement(&self) -> Arrangement {
+        self.picture.arrange.unwrap_or_default()
+    }
+
     /// The window, if one is wanted.
     pub fn window_config(&self) -> Option<WindowConfig> {
         let window = WindowConfig {
-            arrangement: self.arrange,
-            full_screen: self.full_screen,
+            arrangement: self.arrangement(),
+            full_screen: self.picture.full_screen,
             desk: self.desk,
-            monitor: self.monitor.clone(),
+            monitor: self.picture.monitor.clone(),
         };
         self.window.then_some(window)
     }

@@ -40,7 +40,7 @@ use protocol::poses::TrackerFrame;
 use protocol::scene::SceneHeader;
 use protocol::time::Nanos;
 use rustix::process::setpriority_process;
-use scene::SceneFile;
+use scene::{DEFAULT_SCENE, SceneFile};
 use standby::Order;
 use user::User;
 
@@ -112,13 +112,15 @@ struct Prepared {
 impl Prepared {
     /// In a `hurry`, no more than is needed to begin.
     fn new(config: &Config, hurry: Hurry<'_>) -> Result<Self> {
-        let scene = SceneFile::load(&config.scene).context("the renderer needs the scene")?;
+        let scene =
+            SceneFile::load(config.scene.name(DEFAULT_SCENE)).context("the renderer needs the scene")?;
         let (gpu, present) = Present::open(config.window_config().as_ref())?;
         let fixed = config.tier.map(|t| t as usize);
         fixed.map_or(Ok(()), |tier| gpu.check_tier(tier))?;
         let first_tier = start::first_tier(&gpu, fixed);
         let folder = instance_directory(&config.shell.instance)?;
-        let assets = Assets::load(&config.fundus, config.instruments.as_deref())?.kept_in(folder);
+        let assets =
+            Assets::load(&config.picture.fundus, config.picture.instruments.as_deref())?.kept_in(folder);
         let (renderer, costs) = start::renderer(&gpu, &scene, config, &assets, first_tier, hurry, now)?;
         Ok(Prepared { gpu, present, renderer, costs, first_tier })
     }
@@ -160,17 +162,17 @@ impl RendererShell {
         let fixed = config.tier.map(|t| t as usize);
         let start_tier = start_tier.map_or(start::start_tier(&gpu), |t| t.max(first_tier));
         let output_config = OutputConfig {
-            stills: config.stills.clone(),
-            video: config.video.clone(),
+            stills: config.picture.stills.clone(),
+            video: config.picture.video.clone(),
             force: config.force.force,
             video_px: start::video_px(&gpu, fixed),
             video_hz: VIDEO_HZ,
-            arrangement: config.arrange.for_files(),
+            arrangement: config.arrangement().for_files(),
         };
         let output = Output::start(&output_config, first_tier).context("files for stills or video")?;
         let rate = |wanted: bool, hz: f64| Ticks::new(if wanted { hz } else { 0.0 });
         let mut process = Self {
-            user: User::open(&instance, config.desk, config.show_dose)?,
+            user: User::open(&instance, config.desk, config.picture.show_dose)?,
             poses: instance.receiver(Queue::Newest)?,
             scenes: instance.block_receiver()?,
             frames: instance.sender()?,
@@ -180,14 +182,14 @@ impl RendererShell {
             pacing: Pacing::new(present.refresh_ns(), limit_ns),
             composer: Composer::new(&gpu),
             read_back: ReadBack::new(&gpu, first_tier),
-            video_px: config.video.is_some().then_some(output_config.video_px),
+            video_px: config.picture.video.is_some().then_some(output_config.video_px),
             arrangement: output_config.arrangement,
-            stills: rate(config.stills.is_some(), 1e9 / STILL_NS as f64),
-            video: rate(config.video.is_some(), f64::from(VIDEO_HZ)),
+            stills: rate(config.picture.stills.is_some(), 1e9 / STILL_NS as f64),
+            video: rate(config.picture.video.is_some(), f64::from(VIDEO_HZ)),
             small: Ticks::new(config.pictures_hz),
-            keeps_last: config.stills.is_some(),
+            keeps_last: config.picture.stills.is_some(),
             snapshot: false,
-            lose_device_after: config.lose_device_after,
+            lose_device_after: config.picture.lose_device_after,
             shell,
             gpu,
             present,
@@ -204,7 +206,7 @@ impl RendererShell {
             write_failed: false,
         };
         process.show_tier(false);
-        process.renderer.set_arrangement(config.arrange);
+        process.renderer.set_arrangement(config.arrangement());
         process.renderer.set_at_desk(config.desk);
         if !process.is_headless() {
             process.renderer.set_next_steps(&next_steps());

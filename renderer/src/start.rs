@@ -100,7 +100,7 @@ pub fn renderer(
     hurry: Hurry<'_>,
     clock: fn() -> Nanos,
 ) -> Result<(Renderer, Costs)> {
-    let rig = Rig::load_or_shipped(config.rig.as_deref()).context("--rig")?;
+    let rig = Rig::load_or_shipped(config.rig.rig.as_deref()).context("--rig")?;
     let begun = clock();
     let mut renderer =
         Renderer::with_assets(gpu, renderer_config(scene, &rig, first_tier, map_px(gpu)), assets);

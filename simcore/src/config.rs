@@ -1,9 +1,8 @@
 //! Arguments of the process.
 
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 use collision::backend::Backend;
 use ipc::shell::ShellArgs;
-use scene::DEFAULT_SCENE;
+use settings::commands::processes::{CollisionArgs, SceneArgs};
 use std::path::PathBuf;
 
 /// Collision and tissue of the vitreo eye.
@@ -13,17 +12,20 @@ pub struct Args {
     /// What every process takes.
     #[command(flatten)]
     pub shell: ShellArgs,
-    /// Scene: a shipped one by name, or a TOML file.
-    #[arg(long, default_value = DEFAULT_SCENE)]
-    pub scene: String,
-    /// Back end of collisions; it changes no result. `auto` measures at start-up which is faster.
-    #[arg(long, default_value = "auto", value_parser = backend_parser(), value_name = "WHO")]
-    pub collision: Backend,
+    /// The scene.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Who looks for collisions.
+    #[command(flatten)]
+    pub collision: CollisionArgs,
     /// Journal to go on from: the newest checkpoint, and the inputs since.
     #[arg(long, value_name = "FILE")]
     pub resume: Option<PathBuf>,
 }
 
-fn backend_parser() -> impl TypedValueParser<Value = Backend> {
-    PossibleValuesParser::new(Backend::NAMES).map(|name| Backend::named(&name).unwrap_or_default())
+impl Args {
+    /// The back end of collisions.
+    pub fn backend(&self) -> Backend {
+        self.collision.collision.as_deref().and_then(Backend::named).unwrap_or_default()
+    }
 }

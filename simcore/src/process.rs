@@ -23,16 +23,16 @@ use protocol::scene::SceneHeader;
 use protocol::steps::{StepInput, StepRecord};
 use protocol::time::Nanos;
 use saving::Saving;
-use scene::SceneFile;
+use scene::{DEFAULT_SCENE, SceneFile};
 
 /// Runs the simulation until a stop is requested.
 ///
 /// # Errors
 /// For a scene that cannot be simulated, a journal that cannot be read, or a failing channel.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let scene = SceneFile::load(&args.scene)?;
+    let scene = SceneFile::load(args.scene.name(DEFAULT_SCENE))?;
     let mut world = World::new(&scene).context("scene")?;
-    choose_collision(&mut world, args.collision);
+    choose_collision(&mut world, args.backend());
     let (instance, mut shell) = Shell::start(Process::Simcore, &args.shell)?;
     let mut simcore = SimcoreShell::open(&instance, &world)?;
     if let Some(file) = &args.resume {
@@ -262,14 +262,14 @@ impl SimcoreShell {
     /// Takes the scene that its file holds now in place of the old one; on an error nothing
     /// changes.
     fn load(&mut self, world: &mut World, args: &Args) -> anyhow::Result<()> {
-        let mut fresh = World::new(&SceneFile::load(&args.scene)?).context("scene")?;
+        let mut fresh = World::new(&SceneFile::load(args.scene.name(DEFAULT_SCENE))?).context("scene")?;
         let needed = Self::bytes(&fresh);
         anyhow::ensure!(
             needed <= self.scene_bytes,
             "the new scene takes {needed} bytes, there is room for the {} of the first one",
             self.scene_bytes
         );
-        choose_collision(&mut fresh, args.collision);
+        choose_collision(&mut fresh, args.backend());
         *world = fresh;
         self.writer = self.writer.successor(world);
         Ok(self.reset(world)?)

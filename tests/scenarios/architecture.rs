@@ -20,7 +20,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("training", &["protocol", "scene"]),
     ("collision", &["protocol", "scene"]),
     ("tissue", &["protocol", "scene", "collision"]),
-    ("simcore", &["protocol", "ipc", "scene", "training", "collision", "tissue"]),
+    ("simcore", &["protocol", "ipc", "settings", "scene", "training", "collision", "tissue"]),
     (
         "replay",
         &[
@@ -41,14 +41,14 @@ const ARROWS: &[(&str, &[&str])] = &[
             "results",
         ],
     ),
-    ("virtual-rig", &["protocol", "ipc", "outputs", "scene", "surgeon", "blob-stream"]),
+    ("virtual-rig", &["protocol", "ipc", "outputs", "settings", "scene", "surgeon", "blob-stream"]),
     ("fpga-model", &["protocol", "ipc", "outputs", "settings", "blob-stream"]),
-    ("tracker", &["protocol", "ipc"]),
+    ("tracker", &["protocol", "ipc", "settings"]),
     ("diagnosis", &["protocol"]),
     ("calibration", &["protocol", "ipc", "outputs", "settings", "recording", "blob-stream", "tracker"]),
     ("renderer", &["protocol", "ipc", "outputs", "settings", "scene", "font"]),
     ("results", &["protocol", "font", "outputs", "recording", "scene", "training"]),
-    ("desk", &["protocol", "ipc", "scene"]),
+    ("desk", &["protocol", "ipc", "settings", "scene"]),
     (
         "launcher",
         &[

@@ -1,7 +1,7 @@
 //! Command line of `vitreo-tracker`.
 
 use ipc::shell::ShellArgs;
-use std::path::PathBuf;
+use settings::commands::processes::RigArgs;
 
 /// Turns marker blobs into poses.
 #[derive(Debug, clap::Parser)]
@@ -10,9 +10,9 @@ pub struct Config {
     /// Name, supervision.
     #[command(flatten)]
     pub shell: ShellArgs,
-    /// Rig file (vitreo-rig-1): cameras, markers, trocars. Without it the shipped rig.
-    #[arg(long, value_name = "RIG.json")]
-    pub rig: Option<PathBuf>,
+    /// The rig.
+    #[command(flatten)]
+    pub rig: RigArgs,
     /// Trust the rig file: do not estimate how far the rig has drifted since it was calibrated.
     #[arg(long)]
     pub fixed_rig: bool,

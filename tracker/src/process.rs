@@ -49,7 +49,7 @@ struct TrackerProcess {
 
 impl TrackerProcess {
     fn start(config: &Config) -> anyhow::Result<Self> {
-        let rig = Rig::load_or_shipped(config.rig.as_deref()).context("--rig")?;
+        let rig = Rig::load_or_shipped(config.rig.rig.as_deref()).context("--rig")?;
         rig_check::check(&rig).context("this rig cannot work")?;
         let (instance, shell) = Shell::start(Process::Tracker, &config.shell).context("cannot start")?;
         let tracker = Tracker::with(&rig, !config.fixed_rig);

@@ -1,8 +1,7 @@
 //! Arguments of `vitreo-virtual-rig`.
 
 use ipc::shell::ShellArgs;
-use scene::DEFAULT_SCENE;
-use std::path::PathBuf;
+use settings::commands::processes::{RigArgs, SceneArgs, VirtualRigArgs};
 
 /// Longest delay of a late camera, ms.
 const MAX_LATE_MS: f64 = 500.0;
@@ -14,34 +13,15 @@ pub struct Config {
     /// Arguments of every process.
     #[command(flatten)]
     pub shell: ShellArgs,
-    /// Rig file; the shipped one if none is named.
-    #[arg(long, value_name = "RIG.json")]
-    pub rig: Option<PathBuf>,
-    /// Scene whose script the virtual surgeon performs.
-    #[arg(long, default_value = DEFAULT_SCENE, value_name = "NAME|FILE")]
-    pub scene: String,
-    /// Seed of tremor and noise.
-    #[arg(long, default_value_t = 1)]
-    pub seed: u64,
-    /// Recorded hand (CSV, 250 Hz); its movement above 1 Hz shakes instrument 0.
-    #[arg(long, value_name = "FILE")]
-    pub motion: Option<PathBuf>,
-    /// Let the recorded hand lead instrument 0, fitted to the workspace.
-    #[arg(long, requires = "motion")]
-    pub motion_full: bool,
-    /// Play a recorded blob stream instead of simulating cameras.
-    #[arg(long, value_name = "FILE.jsonl", conflicts_with_all = ["motion", "direct", "late_camera"])]
-    pub blobs: Option<PathBuf>,
-    /// Markers straight to noisy blobs, without pixels.
-    #[arg(long)]
-    pub direct: bool,
-    /// Inject faults, drawn from the seed: presets (none, mild, hard, or a fault by its name) or a
-    /// file that ends in .toml.
-    #[arg(long, value_name = "NAME[,NAME...]|FILE.toml", conflicts_with = "blobs")]
-    pub faults: Option<String>,
-    /// Log the injected faults as JSON lines.
-    #[arg(long, value_name = "FILE.jsonl", requires = "faults")]
-    pub fault_log: Option<PathBuf>,
+    /// The rig.
+    #[command(flatten)]
+    pub rig: RigArgs,
+    /// The scene, whose script the virtual surgeon performs.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// What the cameras see.
+    #[command(flatten)]
+    pub cameras: VirtualRigArgs,
     /// Whether a fault log that exists is written over.
     #[command(flatten)]
     pub force: outputs::Force,
@@ -58,7 +38,7 @@ pub struct Config {
     #[arg(long, value_name = "BITS", default_value_t = 0, requires = "resume", hide = true)]
     pub goals_reached: u64,
     /// Delay the fields of camera CAM by MS milliseconds.
-    #[arg(long, value_name = "CAM=MS", value_parser = late_camera, hide = true)]
+    #[arg(long, value_name = "CAM=MS", value_parser = late_camera, conflicts_with = "blobs", hide = true)]
     pub late_camera: Option<LateCamera>,
 }
 
@@ -98,7 +78,7 @@ mod tests {
     #[test]
     fn defaults_run_the_demo_scene_through_pixels() {
         let config = parse(&[]).unwrap();
-        assert_eq!((config.scene.as_str(), config.direct, config.duration), (DEFAULT_SCENE, false, None));
+        assert_eq!((config.scene.scene, config.cameras.direct, config.duration), (None, false, None));
         let late = parse(&["--late-camera", "2=7.5"]).unwrap().late_camera;
         assert_eq!(late, Some(LateCamera { camera: 2, delay_ns: 7_500_000 }));
     }
@@ -111,7 +91,8 @@ mod tests {
             &["--late-camera", "2"],
             &["--late-camera", "1=1e9"],
             &["--motion-full"],
-            &["--blobs", "a", "--motion", "b"],
+            &["--rig", "r", "--blobs", "a", "--motion", "b"],
+            &["--rig", "r", "--blobs", "a", "--late-camera", "2=7"],
         ] {
             assert!(parse(args).is_err(), "{args:?}");
         }

@@ -34,13 +34,13 @@ use timeline::Timeline;
 /// # Errors
 /// Where an input cannot be read or does not fit the rig, or a channel fails.
 pub fn run(config: &Config) -> Result<()> {
-    let rig = Rig::load_or_shipped(config.rig.as_deref()).context("--rig")?;
+    let rig = Rig::load_or_shipped(config.rig.rig.as_deref()).context("--rig")?;
     let surgeon = ScriptedSurgeon::load(config, &rig)?;
     if let Some(late) = config.late_camera {
         let known = rig.cameras.iter().any(|c| c.id == late.camera);
         ensure!(known, "--late-camera: the rig has no camera {}", late.camera);
     }
-    match &config.blobs {
+    match &config.cameras.blobs {
         Some(path) => {
             let stream = BlobPlayback::load(path, &rig).context("--blobs")?;
             let playback = Playback { stream, next: 0, beats: 0 };

@@ -5,8 +5,12 @@ use super::arrangement::Arrangement;
 use super::fundus::FundusArgs;
 use std::path::PathBuf;
 
-/// What a desk listens to where nothing is said.
+/// What a desk listens to where nothing is said: the window, and a gamepad where there is one.
 pub const AUTO: &str = "auto";
+/// The window alone: mouse and keyboard.
+pub const MOUSE: &str = "mouse";
+/// A gamepad, which must be there, and the keyboard.
+pub const GAMEPAD: &str = "gamepad";
 
 /// Arguments that are handed on.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -99,6 +103,13 @@ pub struct SceneArgs {
 }
 handed_on!(SceneArgs: scene);
 
+impl SceneArgs {
+    /// Its name or file; `default` where none is given.
+    pub fn name<'a>(&'a self, default: &'a str) -> &'a str {
+        self.scene.as_deref().unwrap_or(default)
+    }
+}
+
 /// What the virtual cameras see.
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Virtual cameras")]
@@ -144,7 +155,7 @@ handed_on!(CollisionArgs: collision);
 pub struct DeskArgs {
     /// What to listen to: auto (the window, and a gamepad where there is one), mouse or gamepad
     /// [default: auto].
-    #[arg(long, value_name = "WHAT", value_parser = ["auto", "mouse", "gamepad"])]
+    #[arg(long, value_name = "WHAT", value_parser = [AUTO, MOUSE, GAMEPAD])]
     pub input: Option<String>,
     /// Play a file of inputs instead of a person's; needs no display. See docs/play.md.
     #[arg(long, value_name = "FILE", conflicts_with = "input")]

@@ -29,14 +29,14 @@ const DRAIN_NS: u64 = 5_000_000;
 
 /// Simulates the cameras until the process is stopped.
 pub(super) fn run(config: &Config, rig: &Rig, surgeon: ScriptedSurgeon) -> Result<()> {
-    let path = if config.direct { Path::Direct } else { Path::Pixels };
-    let faults = match &config.faults {
-        Some(text) => FaultInjector::new(FaultSpec::load(text)?, rig, config.seed)?,
+    let path = if config.cameras.direct { Path::Direct } else { Path::Pixels };
+    let faults = match &config.cameras.faults {
+        Some(text) => FaultInjector::new(FaultSpec::load(text)?, rig, config.cameras.seed)?,
         None => FaultInjector::none(rig),
     };
-    let log = config.fault_log.as_deref();
+    let log = config.cameras.fault_log.as_deref();
     let fault_log = log.map(|path| FaultLog::create(path, config.force.force)).transpose()?;
-    let cameras = Cameras::with_faults(rig, path, config.seed, faults)?;
+    let cameras = Cameras::with_faults(rig, path, config.cameras.seed, faults)?;
     let shell = VirtualRigShell::open(config, rig, surgeon)?;
     let mut simulation = Simulation {
         output: Output::open(&shell.instance, path, cameras.payload_bytes())?,

@@ -3,7 +3,7 @@
 use crate::config::Config;
 use anyhow::{Context, Result};
 use protocol::rig::Rig;
-use scene::SceneFile;
+use scene::{DEFAULT_SCENE, SceneFile};
 use surgeon::motion::recorded::RecordedMotion;
 use surgeon::motion::{MotionSource, MotionUse};
 
@@ -23,11 +23,13 @@ pub(super) struct ScriptedSurgeon {
 impl ScriptedSurgeon {
     /// Loads the scene and the recorded motion.
     pub(super) fn load(config: &Config, rig: &Rig) -> Result<Self> {
-        let scene = SceneFile::load(&config.scene)?;
-        let recorded = config.motion.as_deref().map(RecordedMotion::load).transpose().context("--motion")?;
-        let recorded = recorded.map(if config.motion_full { MotionUse::Full } else { MotionUse::Tremor });
-        let motion = MotionSource::new(&scene, rig, recorded, config.seed);
-        let scripted = scene.script.is_some() || config.motion_full;
+        let scene = SceneFile::load(config.scene.name(DEFAULT_SCENE))?;
+        let recorded =
+            config.cameras.motion.as_deref().map(RecordedMotion::load).transpose().context("--motion")?;
+        let recorded =
+            recorded.map(if config.cameras.motion_full { MotionUse::Full } else { MotionUse::Tremor });
+        let motion = MotionSource::new(&scene, rig, recorded, config.cameras.seed);
+        let scripted = scene.script.is_some() || config.cameras.motion_full;
         Ok(ScriptedSurgeon { fresh: motion.clone(), motion, note: if scripted { "" } else { NO_SCRIPT } })
     }
 }
