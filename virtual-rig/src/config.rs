@@ -91,8 +91,8 @@ mod tests {
             &["--late-camera", "2"],
             &["--late-camera", "1=1e9"],
             &["--motion-full"],
-            &["--rig", "r", "--blobs", "a", "--motion", "b"],
-            &["--rig", "r", "--blobs", "a", "--late-camera", "2=7"],
+            &["--blobs", "a", "--motion", "b"],
+            &["--blobs", "a", "--late-camera", "2=7"],
         ] {
             assert!(parse(args).is_err(), "{args:?}");
         }

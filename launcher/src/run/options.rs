@@ -23,6 +23,8 @@ use std::time::SystemTime;
 
 /// Arguments of `vitreo run`.
 #[derive(Debug, Clone, Default, clap::Args)]
+// The virtual rig itself plays a stream of the shipped rig too; here nobody should forget whose it is.
+#[command(mut_arg("blobs", |arg| arg.requires("rig")))]
 pub struct RunArgs {
     /// The scene.
     #[command(flatten)]

@@ -124,7 +124,7 @@ pub struct VirtualRigArgs {
     #[arg(long, requires = "motion")]
     pub motion_full: bool,
     /// Play a recorded blob stream in place of the cameras; needs its --rig.
-    #[arg(long, value_name = "BLOBS.jsonl", requires = "rig", conflicts_with = "direct")]
+    #[arg(long, value_name = "BLOBS.jsonl", conflicts_with = "direct")]
     pub blobs: Option<PathBuf>,
     /// Make blobs straight from the markers, without drawing pixels. With --cameras: the program
     /// publishes blobs.
