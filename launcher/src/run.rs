@@ -41,7 +41,7 @@ use crate::modules::Composed;
 use crate::runtime::{StopSignal, block_on};
 use anyhow::Context;
 use diagnosis::{is_loss, untracked};
-use ipc::logging::{inform, warn};
+use ipc::logging::{inform, warn, with_causes};
 use options::{View, open_store};
 use outputs::{Outputs, print};
 use protocol::budget::Stage;
@@ -122,7 +122,7 @@ fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Resu
         let Some(file) = &attempt.record else { continue };
         let kept = match keep(&mut store, trainee, file) {
             Err(problem) if open_end && attempt.live.total.is_none() => {
-                warn(&format!("{problem:#}"));
+                warn(&with_causes(problem.as_ref()));
                 continue;
             }
             kept => kept.context("the attempt is not in the results store")?,

@@ -1,7 +1,7 @@
 //! `vitreo results`: what trainees achieved, from the results store.
 
 use anyhow::{Context, bail};
-use ipc::logging::{inform, warn};
+use ipc::logging::{inform, warn, with_causes};
 use outputs::exit::LOSS;
 use outputs::{Outputs, print, println, save};
 use results::attempt::sha256_of;
@@ -64,7 +64,7 @@ fn add(place: &StoreArgs, trainee: &str, files: &[PathBuf]) -> anyhow::Result<Ex
             if files.len() == 1 {
                 return Err(problem);
             }
-            warn(&format!("not kept: {problem:#}"));
+            warn(&format!("not kept: {}", with_causes(problem.as_ref())));
             code = LOSS;
         }
     }
@@ -104,7 +104,7 @@ fn delete(
             None => println!("left in place (--recordings deletes it): {path}"),
             Some(Ok(())) => println!("deleted: {path}"),
             Some(Err(problem)) => {
-                warn(&format!("not deleted: {path}: {problem:#}"));
+                warn(&format!("not deleted: {path}: {}", with_causes(problem.as_ref())));
                 code = ExitCode::from(LOSS);
             }
         }

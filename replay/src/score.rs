@@ -11,7 +11,7 @@ mod resimulated;
 mod shards;
 
 use anyhow::anyhow;
-use ipc::logging::warn;
+use ipc::logging::{warn, with_causes};
 use objects::{Local, Store};
 use outputs::exit::{DIFFERS, LOSS};
 use outputs::{print, println};
@@ -33,7 +33,7 @@ fn score_local(local: &Local, resimulate: bool) -> anyhow::Result<ScoredRecordin
             let damage = scored.damage.map(|damage| local.named(&damage));
             Ok(ScoredRecording { file: address, damage, ..scored })
         }
-        Err(problem) => Err(anyhow!(local.named(&format!("{problem:#}")))),
+        Err(problem) => Err(anyhow!(local.named(&with_causes(problem.as_ref())))),
     }
 }
 
@@ -64,7 +64,7 @@ pub fn run(args: &ScoreArgs) -> anyhow::Result<ExitCode> {
             }
             Err(problem) if alone => return Err(problem),
             Err(problem) => {
-                warn(&format!("not scored: {problem:#}"));
+                warn(&format!("not scored: {}", with_causes(problem.as_ref())));
                 code = code.max(LOSS);
             }
         }

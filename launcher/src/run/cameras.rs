@@ -3,7 +3,7 @@
 
 use super::options::RunArgs;
 use crate::runtime::StopSignal;
-use ipc::logging::warn;
+use ipc::logging::{warn, with_causes};
 use settings::inputs::check_file;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
@@ -24,7 +24,7 @@ const NOT_CONFIGURED: &str = "no real cameras are configured: [run] of vitreo.to
 fn missing(cameras: Option<&Path>, rig: Option<&Path>) -> Option<String> {
     let (Some(program), Some(rig)) = (cameras, rig) else { return Some(NOT_CONFIGURED.into()) };
     let checked = check_program(program).and_then(|()| Ok(check_file("--rig", rig)?));
-    checked.err().map(|problem| format!("{problem:#}"))
+    checked.err().map(|problem| with_causes(problem.as_ref()))
 }
 
 /// Refuses a program that is absent or may not be run.

@@ -26,48 +26,49 @@ use std::time::SystemTime;
 // The virtual rig itself plays a stream of the shipped rig too; here nobody should forget whose it is.
 #[command(mut_arg("blobs", |arg| arg.requires("rig")))]
 pub struct RunArgs {
+    // Those without a heading come first: a heading holds for all that follows.
     /// The scene.
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// The module that is trained.
-    #[command(flatten)]
-    pub training: TrainingArgs,
-    /// Who looks for collisions.
-    #[command(flatten)]
-    pub collision: CollisionArgs,
     /// The rig.
     #[command(flatten)]
     pub rig: RigArgs,
-    /// The virtual cameras.
+    /// Who looks for collisions.
     #[command(flatten)]
-    pub virtual_rig: VirtualRigArgs,
-    /// The real cameras.
-    #[command(flatten)]
-    pub real: RealCamerasArgs,
+    pub collision: CollisionArgs,
     /// End after so many seconds [default: at the end of the stream, or Ctrl-C].
     #[arg(long, value_name = "S", value_parser = positive)]
     pub duration: Option<f64>,
     /// End so many seconds after the scripted surgeon's round.
     #[arg(skip)]
     pub after_round: Option<f64>,
+    /// Name of this simulator; several run side by side under different names.
+    #[arg(long, value_name = "NAME", default_value = "main")]
+    pub instance: String,
+    /// The module that is trained.
+    #[command(flatten)]
+    pub training: TrainingArgs,
+    /// The virtual cameras.
+    #[command(flatten)]
+    pub virtual_rig: VirtualRigArgs,
+    /// The real cameras.
+    #[command(flatten)]
+    pub real: RealCamerasArgs,
+    /// The picture.
+    #[command(flatten)]
+    pub view: ViewArgs,
     /// What is written.
     #[command(flatten)]
     pub outputs: OutputArgs,
     /// By what it is judged.
     #[command(flatten)]
     pub judge: JudgeArgs,
-    /// The picture.
-    #[command(flatten)]
-    pub view: ViewArgs,
-    /// Name of this simulator; several run side by side under different names.
-    #[arg(long, value_name = "NAME", default_value = "main")]
-    pub instance: String,
-    /// A person at the desk in place of cameras and tracker: vitreo play.
-    #[arg(skip)]
-    pub desk: Option<DeskArgs>,
     /// What only tests ask for.
     #[command(flatten)]
     pub trial: TrialArgs,
+    /// A person at the desk in place of cameras and tracker: vitreo play.
+    #[arg(skip)]
+    pub desk: Option<DeskArgs>,
 }
 
 /// What is trained, and by whom.

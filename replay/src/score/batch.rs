@@ -6,7 +6,7 @@ use super::shards::{Place, Written, gather, only_path};
 use crate::results::write_tables;
 use crate::stop::StopSignal;
 use anyhow::{Context, bail, ensure};
-use ipc::logging::{inform, warn};
+use ipc::logging::{inform, warn, with_causes};
 use outputs::exit::{DIFFERS, LOSS};
 use outputs::progress::files_bar;
 use outputs::{Outputs, println};
@@ -287,7 +287,7 @@ fn score_one(
     });
     Ok(match scored {
         Ok((attempt, scored)) => (row(path, sha256, attempt, &scored), Some(scored)),
-        Err(problem) => (unscored(path, sha256, &local.named(&format!("{problem:#}"))), None),
+        Err(problem) => (unscored(path, sha256, &local.named(&with_causes(problem.as_ref()))), None),
     })
 }
 

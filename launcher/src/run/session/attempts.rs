@@ -8,6 +8,7 @@ use crate::run::recorder::Recorder;
 use crate::run::report::{Incident, RecordingFigures};
 use anyhow::bail;
 use ipc::clock::now;
+use ipc::logging::with_causes;
 use outputs::Outputs;
 use protocol::control::{Answer, Command, EVERY_PROCESS, LAUNCHER};
 use protocol::health::Process;
@@ -82,10 +83,10 @@ impl Session<'_> {
                 (ControlRequest::Quit, _) => Ok(()),
             };
             if let Err(problem) = &done {
-                self.screen.print(&format!("{problem:#}"));
+                self.screen.print(&with_causes(problem.as_ref()));
             }
             if let Some(seq) = seq {
-                self.answer(seq, done.map_err(|e| format!("{e:#}")))?;
+                self.answer(seq, done.map_err(|e| with_causes(e.as_ref())))?;
             }
             if request == ControlRequest::Quit {
                 return Ok(Some("asked to end"));
