@@ -9,8 +9,6 @@ use ipc::Wakes;
 use std::future::{Future, pending, poll_fn};
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::Poll;
 use std::time::Duration;
 use tokio::io::Interest;
@@ -58,17 +56,6 @@ impl StopSignal {
     /// True once a signal has come.
     pub fn is_raised(&self) -> bool {
         *self.0.borrow()
-    }
-
-    /// A flag that is raised with the signal, for work on threads. To be called within the runtime.
-    pub fn flag(&self) -> Arc<AtomicBool> {
-        let (flag, stop) = (Arc::new(AtomicBool::new(false)), self.clone());
-        let raise = Arc::clone(&flag);
-        tokio::spawn(async move {
-            stop.raised().await;
-            raise.store(true, Ordering::Relaxed);
-        });
-        flag
     }
 
     /// Waits for a signal; ready at once if one has come.

@@ -203,19 +203,21 @@ mod tests {
     fn same_from_everywhere(path: &Path, wanted: &[&'static str]) -> usize {
         let recording = Recording::open(path).unwrap();
         let whole = told(recording.items_of(wanted));
+        let from = |place: &Place| {
+            let mut items = recording.items();
+            items.go_to(place);
+            items
+        };
         let mut items = recording.items_of(wanted);
         for given in 0..=whole.len() {
             let place = items.place();
-            assert!(told(recording.items_from(&place)) == whole[given..], "behind {given}");
-            assert!(told(recording.items_from(&recording.items_from(&place).place())) == whole[given..]);
+            assert!(told(from(&place)) == whole[given..], "behind {given}");
+            assert!(told(from(&from(&place).place())) == whole[given..]);
             // A place of what went on from a place is as good.
             if given + 1 < whole.len() {
-                let mut again = recording.items_from(&place);
+                let mut again = from(&place);
                 again.next();
-                assert!(
-                    told(recording.items_from(&again.place())) == whole[given + 1..],
-                    "behind {given} + 1"
-                );
+                assert!(told(from(&again.place())) == whole[given + 1..], "behind {given} + 1");
             }
             items.next();
         }

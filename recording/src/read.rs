@@ -4,7 +4,7 @@
 //! that every problem has a byte offset and reading goes on behind damage; chunks and records are
 //! parsed by the `mcap` crate.
 
-use super::items::{Items, Place};
+use super::items::Items;
 use super::records::{Outer, Records};
 use super::write::METADATA;
 use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, Source, checksum};
@@ -98,14 +98,6 @@ impl Recording {
     /// work.
     pub fn items_of(&self, topics: &[&'static str]) -> Items {
         Items::open(&self.path, topics)
-    }
-
-    /// As [`Recording::items`], from a place on at which items of this file were read before: the same
-    /// items and errors follow.
-    pub fn items_from(&self, place: &Place) -> Items {
-        let mut items = self.items();
-        items.go_to(place);
-        items
     }
 
     /// Instants of exposure of what is replayed: those of the tracker's frames, or of the

@@ -2,11 +2,7 @@
 
 use crate::score::objects::ObjectError;
 use outputs::exit::{FAILED, WRONG_USE, WrongUse};
-use results::keeping::is_bad_name;
-use scene::SceneError;
-use scene::module::ModuleError;
 use std::error::Error;
-use surgeon::skill::UnknownSkill;
 
 /// The exit code of a command that ends with an error.
 pub fn code_of(error: &anyhow::Error) -> u8 {
@@ -15,19 +11,10 @@ pub fn code_of(error: &anyhow::Error) -> u8 {
 
 /// Whether a cause is wrong use; `None` where that depends on its own cause.
 fn is_wrong_use(cause: &(dyn Error + 'static)) -> Option<bool> {
-    if let Some(module) = cause.downcast_ref() {
-        return Some(ModuleError::is_wrong_use(module));
-    }
-    if let Some(scene) = cause.downcast_ref() {
-        return Some(SceneError::is_wrong_use(scene));
-    }
-    if let Some(store) = cause.downcast_ref() {
-        return Some(is_bad_name(store));
-    }
-    if let Some(object) = cause.downcast_ref() {
-        return Some(ObjectError::is_wrong_use(object));
-    }
-    (cause.is::<WrongUse>() || cause.is::<UnknownSkill>()).then_some(true)
+    let own = cause.downcast_ref().map(ObjectError::is_wrong_use);
+    let known =
+        own.or_else(|| surgeon::is_wrong_use(cause)).or_else(|| results::keeping::is_wrong_use(cause));
+    known.or(cause.is::<WrongUse>().then_some(true))
 }
 
 #[cfg(test)]
@@ -35,6 +22,8 @@ mod tests {
     use super::*;
     use anyhow::anyhow;
     use results::StoreError;
+    use scene::SceneError;
+    use scene::module::ModuleError;
 
     #[test]
     fn what_does_not_exist_is_wrong_use_and_what_is_defective_is_a_failure() {

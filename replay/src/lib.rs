@@ -25,5 +25,7 @@ pub mod score;
 pub mod snapshot;
 pub mod steps;
 pub mod stop;
+#[cfg(test)]
+mod test_runs;
 pub mod trace;
 pub mod verify;

@@ -7,6 +7,7 @@ use crate::table::Keys;
 use crate::{Attempt, Points};
 use anyhow::{Context, bail};
 use recording::Recording;
+use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 use training::score::table::{Category, METRICS};
@@ -165,9 +166,10 @@ pub fn open(named: Option<&Path>, make: bool) -> anyhow::Result<(Store, Vec<Stri
     Ok((store, notices))
 }
 
-/// Whether an error of the store is a name that no trainee can have.
-pub fn is_bad_name(error: &StoreError) -> bool {
-    matches!(error, StoreError::Value { field: "trainee", .. })
+/// Whether an error is a name that no trainee can have, not a failure of the store; `None` for errors of
+/// another kind.
+pub fn is_wrong_use(cause: &(dyn Error + 'static)) -> Option<bool> {
+    cause.downcast_ref().map(|error| matches!(error, StoreError::Value { field: "trainee", .. }))
 }
 
 #[cfg(test)]

@@ -18,6 +18,7 @@
 pub mod awake;
 mod block;
 mod channel;
+pub mod checkpoints;
 pub mod clock;
 mod instance;
 pub mod logging;

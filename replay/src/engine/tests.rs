@@ -1,25 +1,13 @@
 //! Over a gap, tracker and world go on from their checkpoints.
 
 use super::*;
+use crate::test_runs::{begin, golden};
 use protocol::checkpoints::TrackerCheckpointHeader;
 use recording::Writer;
-use scene::SceneFile;
 use std::path::{Path, PathBuf};
 
 /// Frame after which the copy of the golden recording has a checkpoint of its tracker.
 const SAVED: u64 = 40;
-
-fn golden() -> Recording {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data/golden/peel-2s.mcap");
-    Recording::open(&path).unwrap()
-}
-
-fn begin(recording: &Recording) -> Recorded {
-    let provenance = recording.provenance();
-    let scene = SceneFile::parse(&provenance.scene_toml, "recorded").unwrap();
-    let rig = Rig::parse(&provenance.rig_json, "recorded").unwrap();
-    Recorded::new(recording, &rig, World::new(&scene).unwrap().unseen())
-}
 
 /// What the golden recording's tracker knew after a frame.
 fn known_after(frame: u64) -> Item {

@@ -2,14 +2,13 @@
 
 use crate::engine::{Made, Recorded};
 use crate::perception::perform;
+use crate::test_runs::{begin, golden};
 use proptest::prelude::*;
-use protocol::rig::Rig;
 use recording::{Item, Recording, Writer};
 use scene::module::{self, Module};
 use scene::{SHIPPED, SceneFile};
 use simcore::world::World;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 use surgeon::rehearsal::Rehearsal;
 use tempfile::TempDir;
@@ -21,13 +20,9 @@ struct Told {
     end: String,
 }
 
-fn golden() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data/golden/peel-2s.mcap")
-}
-
 /// A copy of the golden recording in which `kept` says which items there are; cut off where it is to be.
 fn copy(folder: &TempDir, kept: impl Fn(usize, &Item) -> bool, cut: bool) -> Recording {
-    let (from, path) = (Recording::open(&golden()).unwrap(), folder.path().join("copy.mcap"));
+    let (from, path) = (golden(), folder.path().join("copy.mcap"));
     let mut writer = Writer::create(&path, from.provenance()).unwrap();
     for (i, item) in from.items().enumerate() {
         let (at, item) = item.unwrap();
@@ -41,13 +36,6 @@ fn copy(folder: &TempDir, kept: impl Fn(usize, &Item) -> bool, cut: bool) -> Rec
         std::fs::write(&path, &bytes[..bytes.len() * 4 / 5]).unwrap();
     }
     Recording::open(&path).unwrap()
-}
-
-fn begin(recording: &Recording) -> Recorded {
-    let provenance = recording.provenance();
-    let scene = SceneFile::parse(&provenance.scene_toml, "recorded").unwrap();
-    let rig = Rig::parse(&provenance.rig_json, "recorded").unwrap();
-    Recorded::new(recording, &rig, World::new(&scene).unwrap().unseen())
 }
 
 /// Runs until so many further steps have been done, or to the end.
@@ -100,7 +88,7 @@ fn whole(recording: &Recording) -> Told {
 }
 
 static GOLDEN: LazyLock<(Recording, Told)> = LazyLock::new(|| {
-    let recording = Recording::open(&golden()).unwrap();
+    let recording = golden();
     let told = whole(&recording);
     assert!(told.made.len() > 150, "{} frames and steps", told.made.len());
     (recording, told)

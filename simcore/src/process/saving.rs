@@ -2,9 +2,10 @@
 
 use crate::world::World;
 use anyhow::Context;
-use ipc::{BlockSender, Instance, IpcError};
+use ipc::Instance;
+use ipc::checkpoints::CheckpointSender;
 use protocol::checkpoints::CheckpointTimes;
-use protocol::limits::{CHECKPOINT_LEAST_NS, CHECKPOINT_WORK_NS, MAX_CHECKPOINT_BYTES};
+use protocol::limits::{CHECKPOINT_LEAST_NS, CHECKPOINT_WORK_NS};
 use protocol::steps::CheckpointHeader;
 use protocol::time::Nanos;
 
@@ -15,10 +16,8 @@ const ROOM_BYTES: usize = 256 << 10;
 
 /// The channel of the checkpoints, and what was done since the last one.
 pub(super) struct Saving {
-    checkpoints: BlockSender<CheckpointHeader>,
-    saved: Vec<u8>,
+    checkpoints: CheckpointSender<CheckpointHeader>,
     due: Due,
-    too_large: bool,
 }
 
 /// When a checkpoint is due. Pure.
@@ -51,9 +50,8 @@ impl Saving {
     pub(super) fn open(instance: &Instance, world: &World) -> anyhow::Result<Self> {
         let mut saved = Vec::with_capacity(1 << 16);
         world.save(&mut saved).context("checkpoint")?;
-        let capacity = (ROOM * saved.len() + ROOM_BYTES).min(MAX_CHECKPOINT_BYTES);
-        let checkpoints = instance.block_sender(capacity)?;
-        Ok(Saving { checkpoints, saved, due: Due::default(), too_large: false })
+        let checkpoints = CheckpointSender::open(instance, saved, ROOM, ROOM_BYTES)?;
+        Ok(Saving { checkpoints, due: Due::default() })
     }
 
     /// The next step is followed by a checkpoint.
@@ -69,34 +67,19 @@ impl Saving {
         state_hash: u64,
         step: [Nanos; 2],
     ) -> anyhow::Result<()> {
-        if !self.due.after_step(world.state().exposed_ns, step) {
+        let state = world.state();
+        if !self.due.after_step(state.exposed_ns, step) {
             return Ok(());
         }
-        world.save(&mut self.saved).context("checkpoint")?;
-        let state = world.state();
-        let header = CheckpointHeader {
+        let header = |bytes| CheckpointHeader {
             step: state.step,
             field: state.field,
             handles_below: state.handles_below,
             pedals_below: state.pedals_below,
             state_hash,
-            bytes: self.saved.len() as u64,
+            bytes,
         };
-        let saved = &self.saved;
-        let sent = self.checkpoints.send(saved.len(), |payload| {
-            payload[..saved.len()].copy_from_slice(saved);
-            header
-        });
-        match sent {
-            // The steps since the last one that fitted are made again.
-            Err(problem @ IpcError::TooLarge { .. }) => {
-                if !std::mem::replace(&mut self.too_large, true) {
-                    tracing::warn!("no further checkpoints: {problem}");
-                }
-                Ok(())
-            }
-            other => Ok(other?),
-        }
+        self.checkpoints.send(|saved| world.save(saved).context("checkpoint"), header)
     }
 }
 
