@@ -94,7 +94,7 @@ latency: setup ## Run the simulator three times on a quiet machine; all latency 
 	cargo build --release
 	@mkdir -p out
 	for n in 1 2 3; do \
-		$(RELEASE) run --headless --instance latency --duration 30 $(LATENCY) --force --report out/latency-$$n.json || exit 1; done
+		$(RELEASE) run --headless --instance latency $(or $(LATENCY),--duration 30) --force --report out/latency-$$n.json || exit 1; done
 	$(RELEASE) budgets out/latency-1.json out/latency-2.json out/latency-3.json --at-least 2
 
 soak: setup ## Run 1,000 random programmes of 60 s over random scenes, every step checked (three quarters of an hour on two cores; SOAK="--programmes 20")
@@ -106,7 +106,7 @@ hour: setup ## Run an hour of every stream, scene and module at full speed, and 
 hour-live: setup ## Run an hour live with the picture and a recording, then verify the recording (LIVE="--duration 600")
 	cargo build --release
 	@mkdir -p out
-	$(RELEASE) run --headless --instance hour --duration 3600 $(LIVE) --force --assert-tracking 0.99 --record out/hour.mcap --report out/hour.json
+	$(RELEASE) run --headless --instance hour $(or $(LIVE),--duration 3600) --force --assert-tracking 0.99 --record out/hour.mcap --report out/hour.json
 	$(RELEASE) replay out/hour.mcap --lockstep --verify
 
 fuzz: setup ## Try hostile inputs on every reader and message, 60 s each (FUZZ="--seconds 10 rig-json", FUZZ="--whole wire")
