@@ -77,7 +77,7 @@ demo: setup ## Run 20 s of surgery, judge its latencies; leave recording, report
 
 demo-repeat: setup ## Run what the demo judges 20 times in a row (RUNS=10 BESIDE=50: beside a program that takes half a core)
 	cargo build --release
-	RUNS="$(RUNS)" BESIDE="$(BESIDE)" VITREO=$(TARGET)/release tools/demo-repeat
+	RUNS="$(RUNS)" BESIDE="$(BESIDE)" VITREO=$(TARGET)/release packaging/tools/demo-repeat
 
 test: setup ## Format, lint, build and run every check
 	cargo fmt --all --check
@@ -110,7 +110,7 @@ hour-live: setup ## Run an hour live with the picture and a recording, then veri
 	$(RELEASE) replay out/hour.mcap --lockstep --verify
 
 fuzz: setup ## Try hostile inputs on every reader and message, 60 s each (FUZZ="--seconds 10 rig-json", FUZZ="--whole wire")
-	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/fuzz/rustc-with-coverage cargo build --workspace --bin fuzz
+	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/proofs/fuzz/rustc-with-coverage cargo build --workspace --bin fuzz
 	$(TARGET)/debug/fuzz run $(FUZZ)
 
 endure: setup ## Kill and stop processes a thousand times, and take disk, memory and rights away (an hour; ENDURE="--kills 100")
@@ -138,7 +138,7 @@ fleet: setup
 	cargo run -q --release -p recording --example copies -- 1000 out/fleet out/fleet-sources/*.mcap
 
 test-slurm: fleet ## Score 1,000 recordings on a Slurm of this machine (installed where missing) whose workers are killed
-	VITREO=$(TARGET)/release tools/test-slurm
+	VITREO=$(TARGET)/release packaging/tools/test-slurm
 
 test-s3: fleet setup-python ## Score 1,000 recordings out of an object store on this machine, workers killed, objects lost and refused
 	.venv/bin/pip install -q -r tests/python/requirements-s3.txt
@@ -225,14 +225,14 @@ take-away:
 	rm -rf $(PROGRAMS) $(SHARE)/doc/vitreo
 
 test-install: ## Install into a temporary folder, run what is there from elsewhere, and take it away
-	tools/test-install
+	packaging/tools/test-install
 
 version: ## Print the version, which Cargo.toml alone says
 	@echo $(VERSION)
 
 tag: ## Tag this commit as the version of Cargo.toml, with its section of CHANGELOG.md as notes
 	@mkdir -p target
-	@tools/release-notes $(VERSION) > target/release-notes.md
+	@packaging/tools/release-notes $(VERSION) > target/release-notes.md
 	git tag -a v$(VERSION) --cleanup=whitespace -F target/release-notes.md
 
 release-programs stage deb test-deb sbom: export SOURCE_DATE_EPOCH := $(SOURCE_DATE_EPOCH)
@@ -261,18 +261,18 @@ deb: stage ## Build the Debian package: target/debian/vitreo_VERSION-1_ARCHITECT
 	@echo $(DEB)
 
 test-deb: deb ## Install, boot, use, upgrade and purge the package in a fresh Debian (as root)
-	$(AS_ROOT) tools/test-deb $(DEB)
+	$(AS_ROOT) packaging/tools/test-deb $(DEB)
 
 sbom: ## Write what the programs consist of, CycloneDX, to out/
 	@$(call tool,cargo-cyclonedx,0.5.9)
-	tools/sbom $(TOOLS)/bin/cargo-cyclonedx out
+	packaging/tools/sbom $(TOOLS)/bin/cargo-cyclonedx out
 
 reproducible: ## Build the package in two folders and compare every byte
-	TOOLS=$(TOOLS) tools/reproducible
+	TOOLS=$(TOOLS) packaging/tools/reproducible
 
 deny: ## Check licences, sources, bans and advisories of all dependencies (ADVISORIES=skip: without the last)
 	@$(call tool,cargo-deny,0.20.2)
-	tools/deny $(TOOLS)/bin/cargo-deny
+	packaging/tools/deny $(TOOLS)/bin/cargo-deny
 
 clean: ## Remove what was built and put out
 	cargo clean

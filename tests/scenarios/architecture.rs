@@ -103,23 +103,23 @@ const OWNERS: &[(&str, &[&str])] = &[
     ("futures-util", &["replay"]),
 ];
 /// Folders of crates that ship with nothing.
-const PROOF_FOLDERS: [&str; 3] = ["validation/", "fuzz/", "tests/"];
+const PROOF_FOLDERS: [&str; 2] = ["proofs/", "tests/"];
 /// Where files are made besides: in the private directory of an instance, in memory, and a recording
 /// on a file that is there.
 const WRITERS: [&str; 6] = [
-    "outputs/src/",
+    "libs/outputs/src/",
     "protocol/ipc/src/",
-    "launcher/src/children",
-    "recording/src/write.rs",
-    "launcher/src/run/resume.rs",
-    "virtual-rig/src/process/kept.rs",
+    "apps/launcher/src/children",
+    "libs/recording/src/write.rs",
+    "apps/launcher/src/run/resume.rs",
+    "apps/virtual-rig/src/process/kept.rs",
 ];
 /// Longest source file, lines.
 const FILE_CAP: usize = 500;
 /// Where `unsafe` may be used: the transport, the vectors of the springs' kernel, and the allocator
 /// with which a check counts allocations.
 const UNSAFE_ALLOWED: [&str; 4] =
-    ["protocol/ipc/", "simcore/tissue/src/sheet/simd", "tracker/tests/any_pose.rs", "fuzz/src/coverage.rs"];
+    ["protocol/ipc/", "simcore/tissue/src/sheet/simd", "tracker/tests/any_pose.rs", "proofs/fuzz/src/coverage.rs"];
 
 /// Every Rust source of the repository, by path from its root.
 fn sources() -> BTreeMap<String, String> {
@@ -337,7 +337,7 @@ fn paths_named_in_the_documents_exist() {
         "docs/modules.md",
         "docs/play.md",
         "docs/results.md",
-        "deploy/README.md",
+        "packaging/deploy/README.md",
         "docs/conventions.md",
         "docs/recording.md",
         "docs/calibration.md",

@@ -31,7 +31,7 @@ fn the_version_is_said_in_one_place() {
     let heads: Vec<&str> = changelog.lines().filter_map(|l| l.strip_prefix("## ")).collect();
     assert_eq!(heads[0], "Unreleased");
     assert_eq!(heads[1].split(" - ").next(), Some(version.as_str()), "the newest section of CHANGELOG.md");
-    assert!(read("deploy/kubernetes-score.yaml").contains(&format!("vitreo:{version}\n")), "the image");
+    assert!(read("packaging/deploy/kubernetes-score.yaml").contains(&format!("vitreo:{version}\n")), "the image");
 }
 
 /// Year, month and day of an entry's last line.
@@ -66,7 +66,7 @@ fn every_program_is_installed_and_every_packed_file_exists() {
     let start = makefile.find("INSTALLED = ").expect("the list");
     let listed = makefile[start..].replace("\\\n", " ");
     let listed = listed.lines().next().expect("a line").to_owned();
-    for folder in members().iter().filter(|m| !["validation", "fuzz", "tests"].contains(&m.as_str())) {
+    for folder in members().iter().filter(|m| !m.starts_with("proofs/") && *m != "tests") {
         let bins = manifest(&format!("{folder}/Cargo.toml"));
         for bin in bins.get("bin").and_then(|b| b.as_array()).into_iter().flatten() {
             let name = bin["name"].as_str().expect("a name");
@@ -76,13 +76,13 @@ fn every_program_is_installed_and_every_packed_file_exists() {
             );
         }
     }
-    let launcher = manifest("launcher/Cargo.toml");
+    let launcher = manifest("apps/launcher/Cargo.toml");
     let deb = &launcher["package"]["metadata"]["deb"];
     let sources = deb["assets"].as_array().expect("assets").iter().map(|a| a[0].as_str().expect("a file"));
     let committed: Vec<&str> = sources.filter(|s| !s.contains("/target/")).collect();
     assert!(committed.len() >= 5, "{committed:?}");
     for file in committed {
-        assert!(repository().join("launcher").join(file).is_file(), "{file} does not exist");
+        assert!(repository().join("apps/launcher").join(file).is_file(), "{file} does not exist");
     }
 }
 

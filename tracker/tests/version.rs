@@ -61,7 +61,7 @@ fn renew() {
     let digests = compare();
     let changed = digests.iter().any(|(_, held, now)| held.is_some_and(|held| held != *now));
     let version = TRACKER_VERSION + u32::from(changed);
-    let file = repository().join("recording/src/tracker_version.rs");
+    let file = repository().join("libs/recording/src/tracker_version.rs");
     let text = std::fs::read_to_string(&file).unwrap();
     let (head, rest) = text.split_once("pub const TRACKER_VERSION").unwrap();
     let (_, rest) = rest.split_once(";\n").unwrap();

@@ -1,0 +1,191 @@
+//! `vitreo play`: a person at a desk moves the instruments by mouse, keyboard or gamepad.
+
+use crate::machine::has_display;
+use crate::run::{self, MAX_RESTARTS, OutputArgs, RunArgs, TrainingArgs, TrialArgs, ViewArgs};
+use anyhow::bail;
+use ipc::logging::inform;
+use outputs::{Force, print};
+use protocol::bindings::rows;
+use settings::commands::processes::{DeskArgs, PictureArgs, RigArgs, SceneArgs, VirtualRigArgs};
+use settings::commands::{Arrangement, StoreArgs};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// The module where none is named: the easiest one.
+const FIRST_MODULE: &str = "navigation";
+
+/// Arguments of `vitreo play`.
+#[derive(Debug, clap::Args)]
+pub struct PlayArgs {
+    /// What to train (vitreo modules lists them) [default: navigation].
+    #[arg(value_name = "MODULE", conflicts_with = "scene")]
+    pub module: Option<String>,
+    /// Level of the module, from 1 on.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub level: u32,
+    /// A scene without a task instead: a shipped one's name or a file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub scene: Option<String>,
+    /// What the person works with.
+    #[command(flatten)]
+    pub desk: DeskArgs,
+    /// Print what keys, mouse and gamepad do, and end.
+    #[arg(long)]
+    pub keys: bool,
+    /// Keep the attempts under this pseudonym in the results store.
+    #[arg(long, value_name = "NAME", conflicts_with = "scene")]
+    pub trainee: Option<String>,
+    /// Where the store lies.
+    #[command(flatten)]
+    pub store: StoreArgs,
+    /// Record everything; a restart or the next level begins another file, with a number.
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Write the figures of the run.
+    #[arg(long, value_name = "FILE.json")]
+    pub report: Option<PathBuf>,
+    /// The rig; of it the trocars count.
+    #[command(flatten)]
+    pub rig: RigArgs,
+    /// Draw without a window.
+    #[arg(long, requires = "inputs", conflicts_with = "no_picture")]
+    pub headless: bool,
+    /// Draw nothing.
+    #[arg(long, requires = "inputs")]
+    pub no_picture: bool,
+    /// How the two channels share the picture: left or right alone, side-by-side, anaglyph,
+    /// interleaved or sequential.
+    #[arg(long, value_enum, value_name = "HOW", default_value_t = Arrangement::Left, hide_possible_values = true)]
+    pub arrange: Arrangement,
+    /// Fill the monitor.
+    #[arg(long, conflicts_with_all = ["headless", "no_picture"])]
+    pub full_screen: bool,
+    /// Save stereo pictures.
+    #[arg(long, value_name = "DIR", conflicts_with = "no_picture")]
+    pub stills: Option<PathBuf>,
+    /// Save a film.
+    #[arg(long, value_name = "FILE.mp4|FILE.y4m", value_parser = outputs::video_file, conflicts_with = "no_picture")]
+    pub video: Option<PathBuf>,
+    /// Whether files that exist are written over.
+    #[command(flatten)]
+    pub force: Force,
+    /// Name of this simulator.
+    #[arg(long, value_name = "NAME", default_value = "main")]
+    pub instance: String,
+}
+
+/// Runs it.
+///
+/// # Errors
+/// Where there is no display and no file of inputs; otherwise those of a run.
+pub fn run(args: &PlayArgs) -> anyhow::Result<ExitCode> {
+    if args.keys {
+        print!("{}", table());
+        return Ok(ExitCode::SUCCESS);
+    }
+    if args.desk.inputs.is_none() && !has_display() {
+        bail!(
+            "no display: mouse and keyboard are heard by the window with the picture; on a machine without one, \
+             --inputs FILE plays a file of inputs"
+        );
+    }
+    if args.desk.inputs.is_none() {
+        inform("click into the picture; F1 shows the keys on it, vitreo play --keys here; F10 ends");
+    }
+    run::run(&args.run_args())
+}
+
+impl PlayArgs {
+    /// As a run with a person at the desk.
+    fn run_args(&self) -> RunArgs {
+        let module = self.module.clone().or_else(|| self.scene.is_none().then(|| FIRST_MODULE.into()));
+        let training = TrainingArgs {
+            stay: module.is_some(),
+            module,
+            level: self.level,
+            surgeon: "expert".into(),
+            trainee: self.trainee.clone(),
+            store: self.store.clone(),
+        };
+        let files =
+            OutputArgs { record: self.record.clone(), report: self.report.clone(), force: self.force };
+        RunArgs {
+            scene: SceneArgs { scene: self.scene.clone() },
+            training,
+            rig: self.rig.clone(),
+            virtual_rig: VirtualRigArgs { seed: 1, ..VirtualRigArgs::default() },
+            outputs: files,
+            view: self.view(),
+            instance: self.instance.clone(),
+            desk: Some(self.desk.clone()),
+            trial: TrialArgs { max_restarts: MAX_RESTARTS, ..TrialArgs::default() },
+            ..RunArgs::default()
+        }
+    }
+
+    fn view(&self) -> ViewArgs {
+        let picture = PictureArgs {
+            arrange: Some(self.arrange),
+            full_screen: self.full_screen,
+            stills: self.stills.clone(),
+            video: self.video.clone(),
+            ..PictureArgs::default()
+        };
+        ViewArgs {
+            headless: self.headless || (self.desk.inputs.is_some() && !self.no_picture && !has_display()),
+            window: self.desk.inputs.is_none(),
+            no_picture: self.no_picture,
+            picture,
+        }
+    }
+}
+
+/// What keys, mouse and gamepad do, as a table of Markdown.
+pub fn table() -> String {
+    let line = |(keys, text): (String, &str)| format!("| {keys} | {text} |\n");
+    format!("| key | what it does |\n|---|---|\n{}", rows().map(line).collect::<String>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use std::path::Path;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        play: PlayArgs,
+    }
+
+    fn parse(words: &[&str]) -> Result<RunArgs, String> {
+        let line = Line::try_parse_from(std::iter::once(&"play").chain(words));
+        line.map(|l| l.play.run_args()).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn a_module_is_played_unless_a_scene_is_named() {
+        assert_eq!(parse(&[]).unwrap().training.module.as_deref(), Some(FIRST_MODULE));
+        let of = |run: &RunArgs| (run.training.module.clone(), run.training.stay);
+        let shadow = parse(&["shadow", "--level", "2", "--input", "mouse"]).unwrap();
+        assert_eq!((of(&shadow), shadow.training.level), ((Some("shadow".into()), true), 2));
+        assert_eq!(shadow.view.picture.arrange, Some(Arrangement::Left), "one large eye");
+        let scene = parse(&["--scene", "trim"]).unwrap();
+        assert_eq!((of(&scene), scene.scene.scene.as_deref()), ((None, false), Some("trim")));
+        for wrong in [
+            &["shadow", "--scene", "trim"][..],
+            &["--input", "feet"],
+            &["--headless"],
+            &["--input", "mouse", "--inputs", "f"],
+        ] {
+            assert!(parse(wrong).is_err(), "{wrong:?} was taken");
+        }
+    }
+
+    #[test]
+    fn the_page_shows_the_table_of_this_build() {
+        let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/play.md");
+        let page = std::fs::read_to_string(page).unwrap();
+        assert!(page.contains(&table()), "renew it: vitreo play --keys");
+    }
+}
