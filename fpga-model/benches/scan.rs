@@ -10,7 +10,7 @@ use fpga_model::scan::background::Level;
 use fpga_model::scan::{Scanner, Settings};
 use protocol::blobs::{BlobField, Colour};
 use protocol::fields::FieldPicture;
-use protocol::rig::Rig;
+use rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 use std::hint::black_box;
 use std::time::Instant;

@@ -1,17 +1,18 @@
 //! Extraction of one camera's fields, and the instant at which their blobs leave.
 //!
-//! The hardware reads the lines of the region ([`protocol::region`]) as they leave the sensor.
+//! The hardware reads the lines of the region ([`rig::region`]) as they leave the sensor.
 //! Blobs leave when the last one is complete, not before the region has passed; that instant is
 //! counted in pixel clocks from the first line.
 
 use crate::scan::limits::{CAMERA, DIVIDER_CLOCKS, LINE_CLOCKS};
 use crate::scan::{Found, Scanner, Settings};
 use protocol::blobs::BlobField;
-use protocol::camera::Camera;
-use protocol::fields::{FieldHeader, FieldPicture, SensorError, field_size};
-use protocol::region;
-use protocol::rig::Rig;
+use protocol::fields::{FieldHeader, FieldPicture};
 use protocol::time::Nanos;
+use rig::Rig;
+use rig::camera::Camera;
+use rig::camera::SensorError;
+use rig::region;
 
 /// The extractor of one camera.
 pub struct CameraExtractor {
@@ -29,7 +30,7 @@ impl CameraExtractor {
     /// # Errors
     /// Where a side of the sensor is out of range.
     pub fn new(rig: &Rig, camera: &Camera) -> Result<Self, SensorError> {
-        let [width, height] = field_size(camera)?;
+        let [width, height] = camera.field_size()?;
         let scanner = Scanner::new(Settings::for_sensor(width, height), width, height);
         let lines = region::lines(rig, camera);
         Ok(CameraExtractor { camera: camera.id, size_px: [width, height], lines, scanner })

@@ -18,8 +18,8 @@ use protocol::control::Command;
 use protocol::fields::{FieldHeader, FieldPicture};
 use protocol::health::{Process, STATE_DEGRADED};
 use protocol::limits::{FIELD_PERIOD_NS, MAX_CAMERAS};
-use protocol::rig::Rig;
 use protocol::time::Nanos;
+use rig::Rig;
 
 /// Runs the camera hardware until it is stopped.
 ///

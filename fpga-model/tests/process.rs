@@ -6,7 +6,7 @@ use protocol::blobs::BlobField;
 use protocol::control::{Answer, Command as Ask, Request};
 use protocol::fields::{FieldHeader, FieldPicture};
 use protocol::health::{Health, Process, STATE_DEGRADED, STATE_RUNNING};
-use protocol::rig::Rig;
+use rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 use std::process::{Child, Command};
 use std::time::{Duration, Instant};

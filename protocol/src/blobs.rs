@@ -1,12 +1,10 @@
 //! `blobs`: the marker blobs of one camera-field.
 
-use crate::camera::Camera;
 use crate::limits::MAX_BLOBS;
 use crate::message::{Invalid, Message, all_finite, require};
 use crate::time::Nanos;
 use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
-use nalgebra::Point3;
 
 /// Colour class of a marker, as in the camera's look-up table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
@@ -111,33 +109,6 @@ pub struct Blob {
     /// Bits `BLOB_…`.
     #[wire(tag = 10)]
     pub flags: u32,
-}
-
-impl Blob {
-    /// Image of a ball at `centre` (world frame, mm) in a field of a camera, without noise; the
-    /// outline is that of an undistorted ellipse. `None` behind the camera.
-    pub fn of_ball(
-        camera: &Camera,
-        centre: &Point3<f64>,
-        radius_mm: f64,
-        colour: Colour,
-        parity: u32,
-    ) -> Option<Self> {
-        let pixel = camera.project(centre)?;
-        let radii = camera.focal_px * (radius_mm / camera.in_camera(centre).z);
-        Some(Blob {
-            x_px: pixel.x,
-            y_field_px: (pixel.y - f64::from(parity)) / 2.0,
-            area_px: 0.5 * std::f64::consts::PI * radii.x * radii.y,
-            width_px: 2.0 * radii.x,
-            height_px: radii.y,
-            var_x_px2: DEFAULT_VARIANCE_PX2,
-            var_y_px2: DEFAULT_VARIANCE_PX2,
-            cov_xy_px2: 0.0,
-            colour: colour as u32,
-            flags: 0,
-        })
-    }
 }
 
 /// All blobs of one camera-field.

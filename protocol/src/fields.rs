@@ -2,10 +2,9 @@
 //!
 //! A block has the [`FieldHeader`] as its header and the planes of YCbCr 4:2:2 as its payload: all
 //! of Y, then all of Cb, then all of Cr, 8 bits a sample in the studio range of ITU-R BT.601. A
-//! source that knows the lines in which markers can appear ([`crate::region`]) may leave the lines
+//! source that knows the lines in which markers can appear (`region` of crate `rig`) may leave the lines
 //! below them out.
 
-use crate::camera::Camera;
 use crate::limits::MAX_CAMERAS;
 use crate::message::{Invalid, Message, require};
 use crate::time::Nanos;
@@ -18,29 +17,9 @@ pub const DARK: u8 = 30;
 /// Cb and Cr without colour.
 const NEUTRAL: u8 = 128;
 /// Sides that a sensor may have, px.
-const SENSOR_PX: std::ops::RangeInclusive<u32> = 16..=8192;
+pub const SENSOR_PX: std::ops::RangeInclusive<u32> = 16..=8192;
 /// The one pixel format: planes of YCbCr 4:2:2, 8 bits a sample.
 pub const FORMAT_YCBCR_422: u32 = 1;
-
-/// A sensor whose fields no channel carries.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("camera {id}: expected a sensor of 16 to 8192 px a side, found {size_px:?}")]
-pub struct SensorError {
-    id: u32,
-    size_px: [u32; 2],
-}
-
-/// Pixels a line and lines of the fields of `camera`; an odd width loses its last column.
-///
-/// # Errors
-/// Where a side of the sensor is out of range.
-pub fn field_size(camera: &Camera) -> Result<[usize; 2], SensorError> {
-    let [width, height] = camera.size_px;
-    if !camera.size_px.iter().all(|n| SENSOR_PX.contains(n)) {
-        return Err(SensorError { id: camera.id, size_px: camera.size_px });
-    }
-    Ok([width as usize & !1, height as usize / 2])
-}
 
 /// What a field is and when it was taken.
 #[repr(C)]
@@ -222,15 +201,6 @@ mod tests {
         let mut whole = FieldPicture::new([8, 12]);
         whole.copy_lines(3..4, &read);
         assert_eq!((whole.luma[31], whole.luma[23], whole.blue[15]), (9, DARK, 7));
-    }
-
-    #[test]
-    fn unreasonable_sensors_are_refused() {
-        let mut rig = crate::rig::Rig::load_or_shipped(None).unwrap();
-        assert_eq!(field_size(&rig.cameras()[0]).unwrap(), [720, 288]);
-        rig.cameras[1].width = 1_000_000;
-        let error = field_size(&rig.cameras()[1]).unwrap_err().to_string();
-        assert!(error.contains("camera 1") && error.contains("1000000"), "{error}");
     }
 
     #[test]

@@ -31,7 +31,6 @@
 pub mod bindings;
 pub mod blobs;
 pub mod budget;
-pub mod camera;
 pub mod checkpoints;
 pub mod contain;
 pub mod control;
@@ -51,8 +50,6 @@ pub mod optics;
 pub mod poses;
 pub mod predict;
 pub mod random;
-pub mod region;
-pub mod rig;
 pub mod scene;
 pub mod scene_text;
 pub mod steps;

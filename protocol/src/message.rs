@@ -1,7 +1,6 @@
 //! Messages: name of the channel, version, schema hash, validation.
 
 use crate::wire::{Wire, layout_of};
-use std::borrow::Cow;
 
 /// Why a received block was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -93,36 +92,9 @@ pub fn text_of(bytes: &[u8]) -> String {
     String::from_utf8_lossy(&bytes[..end]).into_owned()
 }
 
-/// A text that a terminal may show, whoever wrote it: control characters, with which a text could
-/// move the cursor or change what stands there, become their pictures (`␛`), other invisible ones
-/// that change the order of letters become replacement characters. Ends of lines and tabs stay.
-pub fn printable(text: &str) -> Cow<'_, str> {
-    if !text.chars().any(is_hidden) {
-        return Cow::Borrowed(text);
-    }
-    let shown = |c: char| match c {
-        '\u{7f}' => '␡',
-        '\0'..='\u{1f}' if is_hidden(c) => char::from_u32(0x2400 + u32::from(c)).unwrap_or('\u{fffd}'),
-        _ if is_hidden(c) => '\u{fffd}',
-        _ => c,
-    };
-    Cow::Owned(text.chars().map(shown).collect())
-}
-
-fn is_hidden(c: char) -> bool {
-    let turns = matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
-    (c.is_control() && !matches!(c, '\n' | '\t')) || turns
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_text_cannot_command_the_terminal() {
-        assert!(matches!(printable("plain\tµm\n"), Cow::Borrowed(_)));
-        assert_eq!(printable("\x1b[2Jx\r\x7f\u{9b}\u{202e}"), "␛[2Jx␍␡\u{fffd}\u{fffd}");
-    }
 
     #[test]
     fn fnv_matches_its_published_test_vectors() {

@@ -2,7 +2,6 @@
 //! `cargo run --release -p renderer --example pictures -- FOLDER` (`make pictures`).
 
 use anyhow::{Context, Result};
-use protocol::rig::Rig;
 use renderer::governor::Shading;
 use renderer::gpu::Gpu;
 use renderer::latch::latch_scene;
@@ -12,6 +11,7 @@ use renderer::readback::Picture;
 use renderer::reference_scene::{SUBJECTS, subject};
 use renderer::similarity::{reference_sized, reference_tier};
 use renderer::start::renderer_config;
+use rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 use std::path::PathBuf;
 

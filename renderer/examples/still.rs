@@ -4,7 +4,6 @@
 
 use anyhow::Result;
 use protocol::optics::Lens;
-use protocol::rig::Rig;
 use renderer::gpu::Gpu;
 use renderer::latch::latch_scene;
 use renderer::offscreen::Offscreen;
@@ -13,6 +12,7 @@ use renderer::readback::Picture;
 use renderer::reference_scene::subject;
 use renderer::start::{map_px, renderer_config};
 use renderer::stereo::Arrangement;
+use rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 
 fn main() -> Result<()> {

@@ -4,11 +4,11 @@
 use bytemuck::Zeroable;
 use glam::{DMat3, DQuat, DVec3};
 use protocol::geometry::Pose;
-use protocol::rig::Rig;
 use protocol::scene::{
     FAR_FROM_EDGE_MM, NODE_BOUND, NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneHome, SceneMark,
     SceneNode, SceneTriangle, SectionWriter,
 };
+use rig::Rig;
 use scene::SceneFile;
 
 /// A scene as the renderer receives it.

@@ -17,9 +17,9 @@ use bytemuck::Zeroable;
 use protocol::geometry::Pose;
 use protocol::limits::INSTRUMENTS;
 use protocol::poses::BODY_NAMES;
-use protocol::rig::Rig;
 use protocol::scene::{NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneMark, SceneNode, SceneTriangle};
 use protocol::time::Nanos;
+use rig::Rig;
 use scene::SceneFile;
 
 /// Edge of the fundus map on a software driver: about the texels that its best tiers can show; the

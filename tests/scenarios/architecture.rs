@@ -9,14 +9,15 @@ use vitreo_tests::repository;
 const ARROWS: &[(&str, &[&str])] = &[
     ("protocol-derive", &[]),
     ("protocol", &["protocol-derive"]),
-    ("ipc", &["protocol"]),
+    ("ipc", &["protocol", "outputs"]),
+    ("rig", &["protocol"]),
     ("scene", &["protocol"]),
     ("recording", &["protocol"]),
     ("blob-stream", &["protocol"]),
     ("font", &[]),
-    ("outputs", &["protocol"]),
+    ("outputs", &[]),
     ("settings", &["protocol", "outputs"]),
-    ("surgeon", &["protocol", "scene"]),
+    ("surgeon", &["protocol", "rig", "scene"]),
     ("training", &["protocol", "scene"]),
     ("collision", &["protocol", "scene"]),
     ("tissue", &["protocol", "scene", "collision"]),
@@ -27,6 +28,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "protocol",
             "ipc",
             "outputs",
+            "rig",
             "settings",
             "scene",
             "recording",
@@ -41,20 +43,24 @@ const ARROWS: &[(&str, &[&str])] = &[
             "results",
         ],
     ),
-    ("virtual-rig", &["protocol", "ipc", "outputs", "settings", "scene", "surgeon", "blob-stream"]),
-    ("fpga-model", &["protocol", "ipc", "outputs", "settings", "blob-stream"]),
-    ("tracker", &["protocol", "ipc", "settings"]),
-    ("diagnosis", &["protocol"]),
-    ("calibration", &["protocol", "ipc", "outputs", "settings", "recording", "blob-stream", "tracker"]),
-    ("renderer", &["protocol", "ipc", "outputs", "settings", "scene", "font"]),
+    ("virtual-rig", &["protocol", "ipc", "outputs", "rig", "settings", "scene", "surgeon", "blob-stream"]),
+    ("fpga-model", &["protocol", "ipc", "outputs", "rig", "settings", "blob-stream"]),
+    ("tracker", &["protocol", "ipc", "rig", "settings"]),
+    ("diagnosis", &["protocol", "rig"]),
+    (
+        "calibration",
+        &["protocol", "ipc", "outputs", "rig", "settings", "recording", "blob-stream", "tracker"],
+    ),
+    ("renderer", &["protocol", "ipc", "outputs", "rig", "settings", "scene", "font"]),
     ("results", &["protocol", "font", "outputs", "recording", "scene", "training"]),
-    ("desk", &["protocol", "ipc", "settings", "scene"]),
+    ("desk", &["protocol", "ipc", "rig", "settings", "scene"]),
     (
         "launcher",
         &[
             "protocol",
             "ipc",
             "outputs",
+            "rig",
             "settings",
             "scene",
             "recording",
@@ -68,8 +74,8 @@ const ARROWS: &[(&str, &[&str])] = &[
 /// Crates that are in no product: they may depend on everything.
 const PROOFS: [&str; 4] = ["validation", "fuzz", "vitreo-tests", "skips"];
 /// Crates that compute: no transport, no clock, no environment.
-const PURE: [&str; 8] =
-    ["protocol", "scene", "surgeon", "training", "collision", "tissue", "font", "diagnosis"];
+const PURE: [&str; 9] =
+    ["protocol", "rig", "scene", "surgeon", "training", "collision", "tissue", "font", "diagnosis"];
 /// Crates of a process: their shell alone knows transport and clock.
 const PROCESSES: [&str; 6] = ["fpga-model", "virtual-rig", "tracker", "simcore", "renderer", "desk"];
 /// What a crate must not reach, by whatever way.
@@ -118,8 +124,12 @@ const WRITERS: [&str; 6] = [
 const FILE_CAP: usize = 500;
 /// Where `unsafe` may be used: the transport, the vectors of the springs' kernel, and the allocator
 /// with which a check counts allocations.
-const UNSAFE_ALLOWED: [&str; 4] =
-    ["protocol/ipc/", "simcore/tissue/src/sheet/simd", "tracker/tests/any_pose.rs", "proofs/fuzz/src/coverage.rs"];
+const UNSAFE_ALLOWED: [&str; 4] = [
+    "protocol/ipc/",
+    "simcore/tissue/src/sheet/simd",
+    "tracker/tests/any_pose.rs",
+    "proofs/fuzz/src/coverage.rs",
+];
 
 /// Every Rust source of the repository, by path from its root.
 fn sources() -> BTreeMap<String, String> {

@@ -1,10 +1,10 @@
 //! What no load of the machine can move: the order of the stages, the camera's own time, and which
 //! stage is blamed for a delay that was put into it. `make latency` judges the rest on a quiet machine.
 
-use protocol::rig::Rig;
 use protocol::time::Instants;
 use recording::{Item, Recording};
 use renderer::gpu::Gpu;
+use rig::Rig;
 use vitreo_tests::{instance_name, json, vitreo};
 
 /// From the middle of the exposure until the last line that can hold a marker has left the sensor, at

@@ -5,7 +5,7 @@ use protocol::blobs::BlobField;
 use protocol::geometry::Validity;
 use protocol::limits::INSTRUMENTS;
 use protocol::poses::TrackerFrame;
-use protocol::rig::Rig;
+use rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 use std::collections::BTreeMap;
 use surgeon::motion::MotionSource;

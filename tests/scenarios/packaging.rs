@@ -31,7 +31,10 @@ fn the_version_is_said_in_one_place() {
     let heads: Vec<&str> = changelog.lines().filter_map(|l| l.strip_prefix("## ")).collect();
     assert_eq!(heads[0], "Unreleased");
     assert_eq!(heads[1].split(" - ").next(), Some(version.as_str()), "the newest section of CHANGELOG.md");
-    assert!(read("packaging/deploy/kubernetes-score.yaml").contains(&format!("vitreo:{version}\n")), "the image");
+    assert!(
+        read("packaging/deploy/kubernetes-score.yaml").contains(&format!("vitreo:{version}\n")),
+        "the image"
+    );
 }
 
 /// Year, month and day of an entry's last line.

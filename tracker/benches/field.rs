@@ -11,7 +11,7 @@
 use blob_stream::BlobReader;
 use protocol::blobs::{Blob, BlobField};
 use protocol::limits::MAX_BLOBS;
-use protocol::rig::Rig;
+use rig::Rig;
 use std::hint::black_box;
 use std::path::PathBuf;
 use std::time::Instant;

@@ -8,7 +8,7 @@ use blob_stream::BlobReader;
 use protocol::geometry::Validity;
 use protocol::poses::{BODY_NAMES, BodyState, TrackerFrame};
 use protocol::predict::predict;
-use protocol::rig::Rig;
+use rig::Rig;
 use std::io::Write;
 use std::path::Path;
 use tracker::Tracker;

@@ -22,8 +22,8 @@ use protocol::blobs::BlobField;
 use protocol::limits::{CAMERA_WAIT_NS, MAX_CAMERAS, MAX_FIELDS_USED};
 use protocol::message::Message;
 use protocol::poses::ClosedBy;
-use protocol::rig::Rig;
 use protocol::time::Nanos;
+use rig::Rig;
 
 /// Exposures of genlocked cameras differ by less than this (ε), ns.
 const GENLOCK_NS: u64 = 500_000;

@@ -24,9 +24,9 @@ use crate::rig_model::RigModel;
 pub use evidence::BodyUpdate;
 use evidence::Evidence;
 use nalgebra::{Matrix2x3, Point3, SMatrix, Vector3};
-use protocol::camera::Camera;
 use protocol::limits::{BODIES, MAX_CAMERAS};
 use resection::Resection;
+use rig::camera::Camera;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 

@@ -19,9 +19,9 @@ use crate::pose_math::{Matrix6, propagated};
 use crate::projection::{PoseMatrix, camera_jacobian, moved_camera, pose_jacobian, project_marker};
 use crate::rig_model::RigModel;
 use nalgebra::{Isometry3, Matrix3, SMatrix, Vector2, Vector3};
-use protocol::camera::Camera;
 use protocol::limits::{BODIES, MAX_CAMERAS};
 use protocol::poses::EYE;
+use rig::camera::Camera;
 
 /// Parameters of a camera: rotation and translation in its own frame.
 const PER_CAMERA: usize = 6;

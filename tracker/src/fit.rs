@@ -286,7 +286,7 @@ fn trocar_equations(pose: &Isometry3<f64>, trocar: &Point3<f64>) -> (SMatrix<f64
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use protocol::rig::Rig;
+    use rig::Rig;
 
     fn exact_matches(rig: &RigModel, body: usize, truth: &Isometry3<f64>) -> Vec<BlobMatch> {
         let mut matches = Vec::new();

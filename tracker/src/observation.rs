@@ -6,8 +6,8 @@ use crate::projection::MarkerImage;
 use crate::rig_model::RigModel;
 use nalgebra::{Matrix2, Vector2};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, Blob, BlobField, DEFAULT_VARIANCE_PX2};
-use protocol::camera::Camera;
 use protocol::limits::MAX_BLOBS;
+use rig::camera::Camera;
 
 /// A blob.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -18,8 +18,8 @@ use protocol::health::{Process, STATE_DEGRADED};
 use protocol::limits::{FIELD_PERIOD_NS, MAX_FIELDS_USED};
 use protocol::message::Message;
 use protocol::poses::{ClosedBy, TrackerFrame};
-use protocol::rig::Rig;
 use protocol::time::Nanos;
+use rig::Rig;
 use saving::Saving;
 use std::collections::VecDeque;
 

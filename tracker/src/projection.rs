@@ -2,7 +2,7 @@
 
 use crate::rig_model::{Marker, RigModel};
 use nalgebra::{Isometry3, Matrix2, Matrix2x3, Matrix3, Point3, Rotation3, SMatrix, Unit, Vector2, Vector3};
-use protocol::camera::Camera;
+use rig::camera::Camera;
 
 /// The image of a marker, as predicted.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -145,7 +145,7 @@ pub fn pose_jacobian(image: &MarkerImage, pose: &PoseMatrix) -> SMatrix<f64, 2, 
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use protocol::rig::Rig;
+    use rig::Rig;
 
     proptest! {
         #[test]

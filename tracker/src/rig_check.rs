@@ -2,10 +2,10 @@
 
 use crate::rig_model::{Marker, RigModel};
 use nalgebra::{Matrix3, Point3, Vector3};
-use protocol::camera::Camera;
 use protocol::limits::BODIES;
 use protocol::poses::{BODY_NAMES, EYE};
-use protocol::rig::Rig;
+use rig::Rig;
+use rig::camera::Camera;
 
 /// Least distance of two cameras, mm; below it depth is not observable.
 const SHORTEST_BASE_MM: f64 = 1.0;

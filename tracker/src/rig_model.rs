@@ -4,10 +4,10 @@ use crate::constants as k;
 use crate::eye_filter::StartSigmas;
 use crate::motion_models::Singer;
 use nalgebra::{Point3, Vector3};
-use protocol::camera::Camera;
 use protocol::limits::{BODIES, MAX_CAMERAS, MAX_MARKERS};
 use protocol::poses::{BODY_NAMES, EYE};
-use protocol::rig::{MarkerKind, Rig, RigBody};
+use rig::camera::Camera;
+use rig::{MarkerKind, Rig, RigBody};
 
 /// A marker of a body.
 #[derive(Debug, Clone, Copy, PartialEq)]

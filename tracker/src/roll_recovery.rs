@@ -14,8 +14,8 @@ use crate::pose_math::{exp, propagated};
 use crate::projection::{MarkerImage, PoseMatrix, pose_jacobian, project_marker};
 use crate::rig_model::BodyModel;
 use nalgebra::{Isometry3, Matrix2, Vector2, Vector3};
-use protocol::camera::Camera;
 use protocol::limits::BODIES;
+use rig::camera::Camera;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Most votes; more are clutter.
@@ -208,9 +208,9 @@ mod tests {
     use bytemuck::Zeroable;
     use nalgebra::{Point3, Translation3, UnitQuaternion};
     use proptest::prelude::*;
-    use protocol::blobs::{Blob, BlobField};
+    use protocol::blobs::BlobField;
     use protocol::limits::MAX_CAMERAS;
-    use protocol::rig::Rig;
+    use rig::Rig;
 
     /// The marker beside the shaft of `inst0`, as the cameras see it.
     fn fields(rig: &Rig, pose: &Isometry3<f64>, cameras: u32) -> [FieldObservation; MAX_CAMERAS] {
@@ -220,7 +220,7 @@ mod tests {
         for camera in rig.cameras().iter().filter(|c| cameras & (1 << c.id) != 0) {
             let mut field = BlobField::zeroed();
             (field.camera, field.exposed_ns) = (camera.id, 20_000_000);
-            field.push(Blob::of_ball(camera, &point, marker.r, marker.colour, field.parity).unwrap());
+            field.push(camera.blob_of_ball(&point, marker.r, marker.colour, field.parity).unwrap());
             fields[camera.id as usize].fill(&field, camera);
         }
         fields

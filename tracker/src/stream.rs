@@ -5,8 +5,8 @@ use crate::report::Report;
 use crate::tracker::Tracker;
 use protocol::blobs::BlobField;
 use protocol::poses::TrackerFrame;
-use protocol::rig::Rig;
 use protocol::time::Nanos;
+use rig::Rig;
 
 /// Tracks camera-fields in the order of their arrival; the time is the newest `blobs_out_ns`.
 pub struct StreamTracker {

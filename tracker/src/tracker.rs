@@ -20,8 +20,8 @@ use bytemuck::Zeroable;
 use protocol::blobs::BlobField;
 use protocol::limits::{BODIES, MAX_CAMERAS, MAX_FIELDS_USED};
 use protocol::poses::{BodyStatus, ClosedBy, EYE, FieldUsed, TrackerFrame};
-use protocol::rig::Rig;
 use protocol::time::Nanos;
+use rig::Rig;
 
 /// The exposure that a frame is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

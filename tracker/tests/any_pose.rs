@@ -6,10 +6,10 @@
 use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
-use protocol::blobs::{Blob, BlobField};
+use protocol::blobs::BlobField;
 use protocol::geometry::Validity;
 use protocol::poses::{BODY_NAMES, EYE};
-use protocol::rig::Rig;
+use rig::Rig;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use tracker::{Reference, Tracker};
@@ -58,14 +58,14 @@ fn through_trocar(
 
 /// What the cameras see of the bodies, without noise.
 fn fields(rig: &Rig, poses: &Poses, number: u64) -> Vec<BlobField> {
-    let see = |camera: &protocol::camera::Camera| {
+    let see = |camera: &rig::camera::Camera| {
         let mut field = BlobField::zeroed();
         (field.camera, field.field, field.exposed_ns) = (camera.id, number, (number + 1) * 20_000_000);
         field.parity = (number & 1) as u32;
         for (pose, name) in poses.iter().zip(BODY_NAMES) {
             for marker in &rig.body(name).unwrap().markers {
                 let point = pose * Point3::from(Vector3::from(marker.p));
-                field.push(Blob::of_ball(camera, &point, marker.r, marker.colour, field.parity).unwrap());
+                field.push(camera.blob_of_ball(&point, marker.r, marker.colour, field.parity).unwrap());
             }
         }
         field

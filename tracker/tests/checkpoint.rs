@@ -5,7 +5,7 @@ use blob_stream::BlobReader;
 use proptest::prelude::*;
 use protocol::blobs::BlobField;
 use protocol::limits::MAX_CHECKPOINT_BYTES;
-use protocol::rig::Rig;
+use rig::Rig;
 use std::path::PathBuf;
 use std::sync::LazyLock;
 use tracker::assembler::FrameAssembler;

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use protocol::blobs::{Blob, BlobField};
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
-use protocol::rig::Rig;
+use rig::Rig;
 use tracker::assembler::FrameAssembler;
 use tracker::{Reference, Tracker};
 

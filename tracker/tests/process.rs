@@ -6,7 +6,7 @@ use protocol::blobs::BlobField;
 use protocol::control::{Answer, Command as Ask, EVERY_PROCESS, Request};
 use protocol::health::{Health, Process, STATE_RUNNING};
 use protocol::poses::{ClosedBy, TrackerFrame};
-use protocol::rig::Rig;
+use rig::Rig;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command};
@@ -163,7 +163,7 @@ fn a_rig_that_does_not_exist_is_named() {
 
 #[test]
 fn a_rig_that_cannot_work_is_refused_in_words() {
-    let mut rig = protocol::rig::Rig::load_or_shipped(None).unwrap();
+    let mut rig = rig::Rig::load_or_shipped(None).unwrap();
     for (i, marker) in rig.bodies[0].markers.iter_mut().enumerate() {
         marker.p = [0.0, 0.0, 1.0 + i as f64];
     }

@@ -2,10 +2,10 @@
 
 use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use protocol::blobs::{Blob, BlobField, Colour};
+use protocol::blobs::{BlobField, Colour};
 use protocol::geometry::Validity;
 use protocol::poses::{BODY_NAMES, BodyState, BodyStatus};
-use protocol::rig::Rig;
+use rig::Rig;
 use surgeon::script::minimum_jerk;
 use tracker::{Reference, Tracker};
 
@@ -40,7 +40,7 @@ impl AcquisitionInput {
         roll: impl Fn(f64) -> f64,
         shown: impl Fn(f64, Colour) -> bool,
     ) -> Vec<BlobField> {
-        let see = |(i, camera): (usize, &protocol::camera::Camera)| {
+        let see = |(i, camera): (usize, &rig::camera::Camera)| {
             let t_s = number as f64 * FIELD_S + i as f64 * self.apart_s;
             let mut field = BlobField::zeroed();
             (field.camera, field.field, field.parity) = (camera.id, number, (number & 1) as u32);
@@ -49,7 +49,7 @@ impl AcquisitionInput {
                 let pose = self.pose(body, roll(t_s));
                 for marker in &self.rig.body(name).unwrap().markers {
                     let point = pose * Point3::from(Vector3::from(marker.p));
-                    let blob = Blob::of_ball(camera, &point, marker.r, marker.colour, field.parity);
+                    let blob = camera.blob_of_ball(&point, marker.r, marker.colour, field.parity);
                     if shown(t_s, marker.colour) {
                         field.push(blob.unwrap());
                     }

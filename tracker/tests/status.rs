@@ -3,10 +3,10 @@
 use blob_stream::BlobReader;
 use nalgebra::{Point3, Vector2};
 use protocol::blobs::{Blob, BlobField};
-use protocol::camera::Camera;
 use protocol::geometry::Validity;
 use protocol::poses::{BodyState, BodyStatus, ClosedBy, TrackerFrame};
-use protocol::rig::{Rig, RigMarker};
+use rig::camera::Camera;
+use rig::{Rig, RigMarker};
 use std::path::PathBuf;
 use tracker::assembler::FrameAssembler;
 use tracker::tracker::close;

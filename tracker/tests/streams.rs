@@ -6,7 +6,7 @@ use protocol::blobs::BlobField;
 use protocol::geometry::Validity;
 use protocol::message::Message;
 use protocol::poses::{EYE, TrackerFrame};
-use protocol::rig::Rig;
+use rig::Rig;
 use std::collections::HashMap;
 use std::path::PathBuf;
 use tracker::stream::track_stream;

@@ -1,12 +1,12 @@
 //! The tracker's arithmetic and its version change together: recordings name the version, and
 //! `vitreo replay --verify` compares poses to the bit only where it is the same.
 
-#[path = "../../recording/src/tracker_version.rs"]
+#[path = "../../libs/recording/src/tracker_version.rs"]
 mod tracker_version;
 
 use blob_stream::BlobReader;
 use protocol::message::fnv1a;
-use protocol::rig::Rig;
+use rig::Rig;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use tracker::stream::track_stream;

@@ -64,7 +64,7 @@ mod tests {
     use protocol::inputs::Input;
     use protocol::message::Message;
     use protocol::predict::predict;
-    use protocol::rig::Rig;
+    use rig::Rig;
     use scene::SceneFile;
 
     #[test]

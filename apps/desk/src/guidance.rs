@@ -13,7 +13,7 @@ use protocol::handles::{PedalMode, PedalState, Tool};
 use protocol::inputs::{AXIS_COUNT, Axis, Input, Key};
 use protocol::limits::INSTRUMENTS;
 use protocol::optics::PedalButton;
-use protocol::rig::Rig;
+use rig::Rig;
 use scene::SceneFile;
 
 /// Movement of a target for a pixel of the mouse, mm.

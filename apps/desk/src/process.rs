@@ -18,8 +18,8 @@ use protocol::inputs::{Hint, Input, InputEvent, Origin};
 use protocol::limits::FIELD_PERIOD_NS;
 use protocol::message::text_bytes;
 use protocol::poses::TrackerFrame;
-use protocol::rig::Rig;
 use protocol::time::Nanos;
+use rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 
 /// The pedal is sent when it changes, and with every fifth field: 10 times a second.

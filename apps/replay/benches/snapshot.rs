@@ -7,11 +7,11 @@
 //! recording: its tracker, and all of a recorded run, with its place in the file.
 
 use ipc::clock::now;
-use protocol::rig::Rig;
 use recording::Recording;
 use replay::engine::{Made, Recorded};
 use replay::frames::Frames;
 use replay::perception::perform;
+use rig::Rig;
 use scene::module::{self, Module};
 use scene::{SHIPPED, SceneFile};
 use serde_json::json;

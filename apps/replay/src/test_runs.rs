@@ -2,8 +2,8 @@
 
 use crate::engine::Recorded;
 use crate::resimulate::scene_of;
-use protocol::rig::Rig;
 use recording::Recording;
+use rig::Rig;
 use simcore::world::World;
 use std::path::Path;
 

@@ -3,7 +3,7 @@
 //! `cargo bench -p virtual-rig --bench paint` prints one line for each case.
 
 use protocol::fields::FieldPicture;
-use protocol::rig::Rig;
+use rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 use std::hint::black_box;
 use std::time::Instant;

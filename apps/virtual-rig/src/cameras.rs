@@ -8,10 +8,11 @@ use crate::faults::{FaultEvent, FaultInjector};
 use crate::painter::{MAX_PATCHES, Painter, Patch};
 use crate::projection::{MarkerImage, Markers};
 use protocol::blobs::BlobField;
-use protocol::camera::Camera;
-use protocol::fields::{FORMAT_YCBCR_422, FieldHeader, FieldPicture, SensorError, field_size};
-use protocol::region;
-use protocol::rig::Rig;
+use protocol::fields::{FORMAT_YCBCR_422, FieldHeader, FieldPicture};
+use rig::Rig;
+use rig::camera::Camera;
+use rig::camera::SensorError;
+use rig::region;
 use surgeon::motion::{Motion, MotionSource};
 
 /// Form of the fields.
@@ -103,7 +104,7 @@ impl Cameras {
     /// Where a sensor is out of range.
     pub fn with_faults(rig: &Rig, path: Path, seed: u64, faults: FaultInjector) -> Result<Self, SensorError> {
         let sensor = |camera: Camera| {
-            field_size(&camera)?;
+            camera.field_size()?;
             let canvas = || Canvas {
                 painter: Painter::new(camera.size_px, seed),
                 before: FieldPicture::new(camera.size_px),

@@ -4,10 +4,10 @@ use crate::faults::scene::GHOST;
 use crate::painter::Patch;
 use nalgebra::Vector2;
 use protocol::blobs::{BLOB_SATURATED, Blob, BlobField};
-use protocol::camera::Camera;
 use protocol::random::unit_interval;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use rig::camera::Camera;
 use std::f64::consts::{PI, TAU};
 
 /// Noise of a centre along each axis of the frame, px (σ).
@@ -78,7 +78,7 @@ mod tests {
     use super::*;
     use crate::projection::Markers;
     use bytemuck::Zeroable;
-    use protocol::rig::Rig;
+    use rig::Rig;
     use scene::{DEFAULT_SCENE, SceneFile};
     use surgeon::motion::MotionSource;
 

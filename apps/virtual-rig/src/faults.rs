@@ -27,7 +27,7 @@ pub mod tally;
 pub mod timing;
 
 use protocol::poses::BODY_NAMES;
-use protocol::rig::Rig;
+use rig::Rig;
 use sampler::FaultSampler;
 use serde::Serialize;
 pub use spec::FaultKind;

@@ -4,7 +4,7 @@ use anyhow::{Result, bail, ensure};
 use blob_stream::BlobReader;
 use bytemuck::Zeroable;
 use protocol::blobs::{Blob, BlobField};
-use protocol::rig::Rig;
+use rig::Rig;
 use std::path::Path;
 
 /// Longest time between exposure and reception that a stream may claim, ns.

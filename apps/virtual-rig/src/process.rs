@@ -24,8 +24,8 @@ use playback::Playback;
 use protocol::blobs::BlobField;
 use protocol::control::Command;
 use protocol::health::{Process, STATE_FINISHED, STATE_RUNNING};
-use protocol::rig::Rig;
 use protocol::time::Nanos;
+use rig::Rig;
 use surgeon::ScriptedSurgeon;
 use timeline::Timeline;
 

@@ -3,10 +3,10 @@
 
 use nalgebra::{Isometry3, Matrix2, Point3, Vector2, Vector3};
 use protocol::blobs::Colour;
-use protocol::camera::Camera;
 use protocol::limits::{BODIES, MAX_MARKERS};
 use protocol::poses::BODY_NAMES;
-use protocol::rig::{MarkerKind, Rig, RigMarker};
+use rig::camera::Camera;
+use rig::{MarkerKind, Rig, RigMarker};
 use surgeon::motion::Motion;
 
 /// Tangent of the angle off the axis beyond which the lens model folds back on itself.

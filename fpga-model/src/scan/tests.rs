@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use protocol::blobs::{BLOB_MERGED, Colour};
 use protocol::limits::MAX_BLOBS;
 use protocol::message::Message;
-use protocol::rig::Rig;
+use rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 use surgeon::motion::MotionSource;
 use virtual_rig::painter::Painter;

@@ -14,12 +14,14 @@
 mod claim;
 pub mod exit;
 mod file;
+mod printable;
 pub mod progress;
 mod stdout;
 mod video;
 
 pub use claim::{FILM_STILLS, Names, Outputs, STILLS};
 pub use file::{GrowingFile, OutputFile, save};
+pub use printable::printable;
 pub use stdout::{exit_code, standard_output_failure, write_to_stdout};
 pub use video::{VideoFormat, video_file};
 

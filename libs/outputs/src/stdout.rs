@@ -2,7 +2,7 @@
 //! disk. The standard macros end the program there, and with it whatever it had yet to do.
 
 use super::plainly;
-use protocol::message::printable;
+use crate::printable;
 use std::error::Error;
 use std::fmt::Arguments;
 use std::io::{self, Write};

@@ -15,8 +15,8 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use protocol::handles::{PedalState, Tool};
 use protocol::limits::INSTRUMENTS;
 use protocol::poses::BODY_NAMES;
-use protocol::rig::Rig;
 use recorded::RecordedMotion;
+use rig::Rig;
 use scene::SceneFile;
 use std::f64::consts::TAU;
 

@@ -9,8 +9,8 @@ use protocol::geometry::{Pose, Validity};
 use protocol::handles::{HandleState, PedalState};
 use protocol::limits::{FIELD_PERIOD_NS, INSTRUMENTS};
 use protocol::poses::{EYE, TrackerFrame};
-use protocol::rig::Rig;
 use protocol::steps::StepInputs;
+use rig::Rig;
 use scene::{SceneFile, ScriptScene};
 
 /// Exposure of field 0, ns; instants of 0 mean "not yet".

@@ -3,7 +3,7 @@
 use clap::{Parser, ValueEnum};
 use nalgebra::Vector3;
 use protocol::random::Random;
-use protocol::rig::Rig;
+use rig::Rig;
 use tracker::camera_watch::Notice;
 use validation::streams::score::{Score, Tracked, rms};
 use validation::streams::{Knock, Recipe, Scenario};

@@ -9,7 +9,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use protocol::blobs::{BlobField, Colour};
 use protocol::limits::FIELD_PERIOD_NS;
 use protocol::poses::{BodyState, BodyStatus};
-use protocol::rig::Rig;
+use rig::Rig;
 use scene::{SceneFile, ScriptKey};
 use std::f64::consts::{PI, TAU};
 use surgeon::motion::{Motion, MotionSource};

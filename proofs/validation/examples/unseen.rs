@@ -1,7 +1,7 @@
 //! How well the tracker does on streams that it was not tuned on: every scenario, many seeds.
 
 use clap::Parser;
-use protocol::rig::Rig;
+use rig::Rig;
 use validation::streams::score::{Score, Tracked, rms};
 use validation::streams::{Recipe, Scenario};
 

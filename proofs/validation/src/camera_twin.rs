@@ -3,10 +3,10 @@
 use bytemuck::Zeroable;
 use fpga_model::camera_extractor::CameraExtractor;
 use protocol::blobs::BlobField;
-use protocol::camera::Camera;
 use protocol::fields::FieldPicture;
-use protocol::rig::Rig;
 use protocol::time::Nanos;
+use rig::Rig;
+use rig::camera::Camera;
 use surgeon::motion::MotionSource;
 use virtual_rig::cameras::{Cameras, Path};
 

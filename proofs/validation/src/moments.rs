@@ -3,7 +3,6 @@
 //! the documentation.
 
 use protocol::bindings::next_steps;
-use protocol::rig::Rig;
 use renderer::frame::Renderer;
 use renderer::gpu::Gpu;
 use renderer::latch::latch_scene;
@@ -13,6 +12,7 @@ use renderer::reference_scene::SceneBlock;
 use renderer::start::renderer_config;
 use renderer::stereo::{Arrangement, arrange};
 use replay::film::scripted::{FIELDS_PER_S, ScriptedFilm};
+use rig::Rig;
 use scene::SceneFile;
 use surgeon::skill::EXPERT;
 

@@ -2,7 +2,6 @@
 //! each picture looks on its own. Pictures are a field (20 ms) apart, levels those of 8 bits.
 
 use crate::moments::ScenePlayer;
-use protocol::rig::Rig;
 use protocol::scene::Section;
 use renderer::gpu::Gpu;
 use renderer::latch::latch_scene;
@@ -11,6 +10,7 @@ use renderer::readback::Picture;
 use renderer::reference_scene::SceneBlock;
 use renderer::start::renderer_config;
 use replay::film::scripted::FIELDS_PER_S;
+use rig::Rig;
 
 /// Change of a pixel within a field that is seen as a jump, levels.
 pub const JUMP: u8 = 10;

@@ -24,10 +24,10 @@ pub mod score;
 use motion::Motion;
 use nalgebra::{Rotation3, Vector3};
 use protocol::blobs::{Blob, BlobField, Colour};
-use protocol::camera::Camera;
 use protocol::limits::{BODIES, MAX_CAMERAS};
 use protocol::random::Random;
-use protocol::rig::Rig;
+use rig::Rig;
+use rig::camera::Camera;
 
 /// A kind of stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! Ten minutes of every scenario: the tenth minute, of the same motion, noise and faults as the second, is
 //! tracked as well. `make hour` does the same for an hour and for every scene.
 
-use protocol::rig::Rig;
+use rig::Rig;
 use validation::streams::Scenario;
 use validation::streams::lasting::{Lasting, Minute};
 

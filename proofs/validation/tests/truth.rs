@@ -8,7 +8,8 @@ use validation::closed_form::{balloon, beam, bleb, chain, hencky, lattice, modes
 /// Runs a case at coarse resolutions: errors within `share` of the reference, and falling with
 /// refinement.
 fn check(case: &Case, share: f64) {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/analytic/reference.json");
+    let path =
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/analytic/reference.json");
     let reference = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
     let outcome = (case.run)(&reference, Depth::Quick);
     assert!(!outcome.rows.is_empty());

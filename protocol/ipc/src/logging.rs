@@ -12,7 +12,7 @@
 mod repeats;
 
 use clap::ArgAction;
-use protocol::message::printable;
+use outputs::printable;
 use repeats::Repeats;
 use serde_json::{Map, Value};
 use std::fmt::{self, Debug, Write as _};
@@ -353,7 +353,7 @@ impl Visit for Fields {
 mod tests {
     use super::*;
     use clap::Parser;
-    use protocol::rig::Rig;
+    use rig::Rig;
     use std::sync::{Arc, Mutex};
 
     /// A writer that keeps what was written.

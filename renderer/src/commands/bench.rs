@@ -4,7 +4,6 @@
 
 use anyhow::Result;
 use ipc::clock::now;
-use protocol::rig::Rig;
 use renderer::frame::Renderer;
 use renderer::governor::{TIERS, Tier};
 use renderer::gpu::Gpu;
@@ -14,6 +13,7 @@ use renderer::passes::COLOUR;
 use renderer::passes::text::Text;
 use renderer::reference_scene::{self, SUBJECTS};
 use renderer::start::{map_px, renderer_config};
+use rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 
 /// Rounds of a measurement, time after which it ends early (ns), and least number of rounds.

@@ -1,6 +1,5 @@
 //! A device with the shipped scene and rig; pictures of reference scenes.
 
-use protocol::rig::Rig;
 use renderer::frame::RendererConfig;
 use renderer::governor::Shading;
 use renderer::gpu::Gpu;
@@ -10,6 +9,7 @@ use renderer::readback::Picture;
 use renderer::reference_scene::SceneBlock;
 use renderer::similarity::reference_tier;
 use renderer::start::renderer_config;
+use rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 
 /// Edge of the fundus map: that of a software driver, whatever the device.

@@ -181,7 +181,7 @@ impl Board {
 mod tests {
     use super::*;
     use nalgebra::{Isometry3, Vector3};
-    use protocol::camera::Camera;
+    use rig::camera::Camera;
 
     /// A lens with some distortion for pictures of this width.
     fn camera(width: u32) -> Camera {

@@ -11,7 +11,7 @@ use crate::target_problem::{Residual, Robustness};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use ipc::logging::{LogArgs, inform};
 use outputs::{Force, Names, Outputs, print, println};
-use protocol::camera::Camera;
+use rig::camera::Camera;
 use settings::{Program, SettingsArgs};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};

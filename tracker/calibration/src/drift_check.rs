@@ -16,7 +16,7 @@ use crate::self_calibration::{camera_rms, every_camera_saw, fitted, residuals_of
 use crate::target_problem::rms;
 use crate::{CalibrationError, degenerate};
 use nalgebra::{Matrix2, SMatrix, SVector};
-use protocol::rig::Rig;
+use rig::Rig;
 
 /// Stretches into which a stream is cut.
 const STRETCHES: usize = 8;

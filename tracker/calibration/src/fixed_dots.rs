@@ -9,7 +9,7 @@ use crate::target_problem::{
 };
 use crate::{CalibrationError, degenerate, linear};
 use nalgebra::{Isometry3, Point3, Vector2};
-use protocol::camera::Camera;
+use rig::camera::Camera;
 
 /// What is known of a camera before its calibration.
 #[derive(Debug, Clone)]

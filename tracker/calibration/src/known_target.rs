@@ -92,7 +92,7 @@ mod tests {
     use super::*;
     use crate::lens::pinhole_camera;
     use nalgebra::{Rotation3, Vector3};
-    use protocol::camera::Camera;
+    use rig::camera::Camera;
 
     fn scene() -> (Camera, Vec<Point3<f64>>, Vec<Dot>) {
         let mut camera =

@@ -3,7 +3,7 @@
 use nalgebra::{
     Isometry3, Matrix2, Matrix2x3, Matrix3, Rotation3, SMatrix, UnitQuaternion, Vector2, Vector3,
 };
-use protocol::camera::Camera;
+use rig::camera::Camera;
 
 /// Number of values of a lens.
 pub const LENS: usize = 9;

@@ -12,7 +12,7 @@ use nalgebra::{
     DMatrix, DVector, Isometry3, Matrix3, Matrix3x4, Point3, Rotation3, SVector, Translation3,
     UnitQuaternion, Vector2, Vector3,
 };
-use protocol::camera::Camera;
+use rig::camera::Camera;
 
 /// Spread of points out of their plane, as a share of their extent, below which they count as
 /// plane.

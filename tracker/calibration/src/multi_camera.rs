@@ -7,7 +7,7 @@ use crate::target_problem::{
 };
 use crate::{CalibrationError, degenerate, linear};
 use nalgebra::{Isometry3, Matrix2, Point3, Vector2};
-use protocol::camera::Camera;
+use rig::camera::Camera;
 
 /// Called with the iteration and the cost.
 pub type Progress<'a> = dyn FnMut(usize, f64) + 'a;

@@ -4,12 +4,12 @@
 use crate::median;
 use nalgebra::{Isometry3, Matrix2, Vector2, Vector3};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BlobField};
-use protocol::camera::Camera;
 use protocol::geometry::Validity;
 use protocol::limits::BODIES;
 use protocol::poses::TrackerFrame;
-use protocol::rig::Rig;
 use protocol::time::Nanos;
+use rig::Rig;
+use rig::camera::Camera;
 use tracker::observation::{BlobObservation, FieldObservation};
 use tracker::pose_math::propagated;
 use tracker::projection::project_marker;

@@ -3,7 +3,7 @@
 use crate::lens::{EXTRINSICS, LENS, LENS_NAMES, lens_of};
 use crate::target_problem::{Residual, rms};
 use nalgebra::Vector3;
-use protocol::camera::Camera;
+use rig::camera::Camera;
 use serde::Serialize;
 use std::fmt;
 

@@ -1,7 +1,7 @@
 //! Cameras into rig files.
 
-use protocol::camera::Camera;
-use protocol::rig::{Rig, RigCamera, RigError};
+use rig::camera::Camera;
+use rig::{Rig, RigCamera, RigError};
 
 /// A camera as a rig file has it.
 pub fn rig_camera(camera: &Camera) -> RigCamera {

@@ -16,7 +16,7 @@ use crate::{CalibrationError, degenerate};
 use nalgebra::{Matrix3, Point3, Vector3};
 use protocol::blobs::{BlobField, DEFAULT_VARIANCE_PX2};
 use protocol::limits::BODIES;
-use protocol::rig::Rig;
+use rig::Rig;
 use tracker::rig_model::RigModel;
 
 /// Residuals (seen less computed) under a bundle; `sheet` is the instant.

@@ -14,7 +14,7 @@ use crate::{CalibrationError, median};
 use nalgebra::{
     DVector, Isometry3, Matrix3, Point3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3,
 };
-use protocol::camera::Camera;
+use rig::camera::Camera;
 
 /// A point of the target and its image point.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,6 +1,6 @@
 //! The program `vitreo-calibration`: results, refusals, exit codes.
 
-use protocol::rig::Rig;
+use rig::Rig;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 

@@ -8,7 +8,7 @@ use calibration::multi_camera::{ImagePoint, LensMode, calibrate_cameras, triangu
 use calibration::target_problem::{Correspondence, FreeParameters, Robustness, TargetView, calibrate_lens};
 use nalgebra::{Isometry3, Point3, Rotation3, Vector2, Vector3};
 use proptest::prelude::*;
-use protocol::camera::Camera;
+use rig::camera::Camera;
 
 const SIZE: [u32; 2] = [720, 576];
 

@@ -9,7 +9,7 @@ use calibration::self_calibration::{FEWEST_INSTANTS, fitted, refine, refine_stre
 use calibration::target_problem::rms;
 use nalgebra::Vector3;
 use protocol::blobs::BlobField;
-use protocol::rig::Rig;
+use rig::Rig;
 use std::collections::HashMap;
 use std::path::PathBuf;
 

@@ -6,8 +6,8 @@
 
 use nalgebra::Vector2;
 use protocol::blobs::BlobField;
-use protocol::camera::Camera;
-use protocol::rig::Rig;
+use rig::Rig;
+use rig::camera::Camera;
 use std::collections::BTreeMap;
 
 /// Fields of two cameras further apart than this do not see the same instant, ns: a tip at 50 mm/s

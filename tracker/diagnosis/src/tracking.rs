@@ -8,8 +8,8 @@ use protocol::blobs::BlobField;
 use protocol::geometry::Validity;
 use protocol::limits::BODIES;
 use protocol::poses::{BODY_NAMES, BodyStatus, TrackerFrame};
-use protocol::rig::Rig;
 use protocol::time::Nanos;
+use rig::Rig;
 use serde::Serialize;
 use std::collections::BTreeMap;
 

@@ -9,9 +9,9 @@ use crate::observation::{FieldObservation, camera_of};
 use crate::pose_math::{Matrix6, Vector6, propagated};
 use crate::projection::{PoseMatrix, pose_jacobian};
 use nalgebra::Vector2;
-use protocol::camera::Camera;
 use protocol::limits::{BODIES, MAX_MARKERS};
 use protocol::poses::EYE;
+use rig::camera::Camera;
 
 /// The markers of a body that a field shows whole, and its predicted pose.
 #[derive(Clone, Copy)]

@@ -10,8 +10,8 @@ use crate::pose_math::{Matrix6, Vector6, propagated};
 use crate::projection::{PoseMatrix, project_point};
 use crate::tracker::{load_place, save_place};
 use nalgebra::{Point3, Rotation3, Vector2, Vector3};
-use protocol::camera::Camera;
 use protocol::limits::{BODIES, MAX_MARKERS};
+use rig::camera::Camera;
 use std::collections::VecDeque;
 
 /// A marker's visible centre in the world, mm, and the blob of it, px.

@@ -7,7 +7,7 @@ use crate::observation::{BlobObservation, FieldObservation, marker_covariance};
 use crate::projection::{MarkerImage, PoseMatrix, project_marker};
 use crate::rig_model::{Marker, RigModel};
 use nalgebra::{Matrix2, Vector2};
-use protocol::camera::Camera;
+use rig::camera::Camera;
 
 /// A marker with the nearest blob that shows it whole.
 #[derive(Debug, Clone, Copy)]

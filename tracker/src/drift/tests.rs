@@ -3,7 +3,7 @@
 use super::*;
 use crate::pose_math::{Vector6, box_plus};
 use nalgebra::Matrix2;
-use protocol::rig::Rig;
+use rig::Rig;
 
 /// Blobs of body 0 as the cameras of `real` see it, at the `n`-th of many poses.
 fn blobs(real: &RigModel, n: u32) -> (Isometry3<f64>, Vec<BlobMatch>) {

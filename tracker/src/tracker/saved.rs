@@ -4,10 +4,10 @@ use super::Tracker;
 use crate::checkpoint::{Done, Loader, Saver, require};
 use crate::constants as k;
 use crate::rig_model::RigModel;
-use protocol::camera::Camera;
 use protocol::limits::MAX_CAMERAS;
 use protocol::message::fnv1a;
-use protocol::rig::Rig;
+use rig::Rig;
+use rig::camera::Camera;
 
 /// Range of the running ratios of blob areas, which the tracker keeps.
 const AREA_SCALES: (f64, f64) = (0.4, 2.5);

@@ -1,6 +1,6 @@
 //! What children write: kept for messages, filed, and passed on unchanged.
 
-use protocol::message::printable;
+use outputs::printable;
 use std::collections::VecDeque;
 use std::fs::File;
 use std::io::Write;

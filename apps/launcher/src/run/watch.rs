@@ -58,8 +58,8 @@ mod tests {
     use super::*;
     use bytemuck::Zeroable;
     use protocol::frames::FrameRecord;
-    use protocol::rig::Rig;
     use recording::Item;
+    use rig::Rig;
 
     #[test]
     fn pedal_handles_and_a_slow_picture_are_missed() {

@@ -11,7 +11,7 @@ use super::FaultEvent;
 use anyhow::{Result, anyhow, ensure};
 use protocol::file::{MAX_SETTINGS_BYTES, other_format, other_format_in, read_text};
 use protocol::limits::MAX_CAMERAS;
-use protocol::rig::Rig;
+use rig::Rig;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 use std::path::Path;

@@ -20,7 +20,7 @@ use ipc::clock::now;
 use ipc::logging::message;
 use outputs::OutputError;
 use protocol::health::{STATE_DEGRADED, STATE_RUNNING};
-use protocol::rig::Rig;
+use rig::Rig;
 
 /// Consecutive fields in time after which the machine counts as fast enough again.
 const RECOVERED_AFTER: u64 = 50;

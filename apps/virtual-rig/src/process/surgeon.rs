@@ -2,7 +2,7 @@
 
 use crate::config::Config;
 use anyhow::{Context, Result};
-use protocol::rig::Rig;
+use rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 use surgeon::motion::recorded::RecordedMotion;
 use surgeon::motion::{MotionSource, MotionUse};

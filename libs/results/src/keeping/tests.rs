@@ -10,7 +10,7 @@ use surgeon::skill::EXPERT;
 fn broken_off(file: &Path) {
     let scene = surgeon::compose(&surgeon::load("navigation").unwrap(), 1, &EXPERT, 1).unwrap();
     let mut provenance = Provenance { scene_toml: scene.to_toml(), ..Provenance::default() };
-    provenance.rig_json = protocol::rig::Rig::load_or_shipped(None).unwrap().to_json();
+    provenance.rig_json = rig::Rig::load_or_shipped(None).unwrap().to_json();
     provenance.seeds.insert("cameras".into(), "42".into());
     provenance.config.insert(BEGAN.into(), "1032942600".into());
     Writer::create(file, &provenance).unwrap().finish().unwrap();

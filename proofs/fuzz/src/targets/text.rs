@@ -8,7 +8,7 @@ use clap::Parser;
 use desk::input_file::Inputs;
 use fpga_model::colours::file::ColourFile;
 use protocol::budget::Budgets;
-use protocol::rig::Rig;
+use rig::Rig;
 use scene::SceneFile;
 use scene::module::Module;
 use std::hint::black_box;

@@ -1,7 +1,7 @@
 //! Streams through the tracker.
 
 use super::{Args, last_over_first};
-use protocol::rig::Rig;
+use rig::Rig;
 use validation::streams::Scenario;
 use validation::streams::lasting::{Lasting, Minute};
 

@@ -9,7 +9,7 @@ use protocol::limits::{BODIES, FIELD_PERIOD_NS, INSTRUMENTS};
 use protocol::optics::PedalButton;
 use protocol::poses::{EYE, TrackerFrame};
 use protocol::random::Random;
-use protocol::rig::Rig;
+use rig::Rig;
 use scene::SceneFile;
 
 /// Exposure of the first field, ns.

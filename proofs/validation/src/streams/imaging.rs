@@ -4,11 +4,11 @@
 use super::motion::Placed;
 use nalgebra::{Point3, Vector2, Vector3};
 use protocol::blobs::{Blob, BlobField, Colour};
-use protocol::camera::Camera;
 use protocol::limits::BODIES;
 use protocol::poses::BODY_NAMES;
 use protocol::random::Random;
-use protocol::rig::{BodyType, Rig};
+use rig::camera::Camera;
+use rig::{BodyType, Rig};
 use std::f64::consts::PI;
 
 /// Standard deviation of a column and of a frame's line for an area of 1 px of the field, px.

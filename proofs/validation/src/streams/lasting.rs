@@ -4,7 +4,7 @@
 use super::score::{Score, Tracked, rms};
 use super::{Recipe, Scenario, Stream};
 use protocol::blobs::BlobField;
-use protocol::rig::Rig;
+use rig::Rig;
 use std::time::Duration;
 use tracker::Tracker;
 use tracker::assembler::FrameAssembler;

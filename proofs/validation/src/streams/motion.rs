@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vect
 use protocol::limits::{BODIES, INSTRUMENTS};
 use protocol::poses::BODY_NAMES;
 use protocol::random::Random;
-use protocol::rig::Rig;
+use rig::Rig;
 use std::f64::consts::TAU;
 
 /// Truth of an instant.

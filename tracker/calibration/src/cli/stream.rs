@@ -15,8 +15,8 @@ use ipc::logging::warn;
 use nalgebra::{Point3, Vector3};
 use protocol::blobs::BlobField;
 use protocol::poses::{BODY_NAMES, EYE};
-use protocol::rig::Rig;
 use recording::{Item, Recording};
+use rig::Rig;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

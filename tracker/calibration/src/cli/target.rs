@@ -14,8 +14,8 @@ use crate::target_problem::{Calibrated, FreeParameters, Robustness, TargetView, 
 use crate::{CalibrationError, dots, point_lists};
 use anyhow::{Context, bail, ensure};
 use ipc::logging::warn;
-use protocol::camera::Camera;
-use protocol::rig::Rig;
+use rig::Rig;
+use rig::camera::Camera;
 use std::path::PathBuf;
 use std::process::ExitCode;
 

@@ -6,10 +6,10 @@
 //! the field. A source of pixels need not send those lines.
 
 use crate::camera::Camera;
-use crate::limits::INSTRUMENTS;
-use crate::poses::BODY_NAMES;
-use crate::rig::{Rig, RigMarker};
+use crate::{Rig, RigMarker};
 use nalgebra::{Point3, Rotation3, Vector3};
+use protocol::limits::INSTRUMENTS;
+use protocol::poses::BODY_NAMES;
 use std::f64::consts::{PI, TAU};
 
 /// Largest turn of the mechanical eye about any axis, rad: its springs end there.

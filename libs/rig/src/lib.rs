@@ -1,11 +1,14 @@
 //! Rig files (`vitreo-rig-1`): cameras, marked bodies, trocars. JSON, unknown keys refused.
 
-use crate::blobs::Colour;
-use crate::camera::Camera;
-use crate::file::{MAX_SETTINGS_BYTES, looks_like, other_format, other_format_in, read_text};
-use crate::limits::{MAX_CAMERAS, MAX_MARKERS};
-use crate::poses::BODY_NAMES;
+pub mod camera;
+pub mod region;
+
+use camera::Camera;
 use nalgebra::{Matrix3, Vector2, Vector3};
+use protocol::blobs::Colour;
+use protocol::file::{MAX_SETTINGS_BYTES, looks_like, other_format, other_format_in, read_text};
+use protocol::limits::{MAX_CAMERAS, MAX_MARKERS};
+use protocol::poses::BODY_NAMES;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -205,7 +208,7 @@ pub struct Workspace {
 }
 
 /// The rig that runs when none is named.
-const SHIPPED: &str = include_str!("../../assets/rig.json");
+const SHIPPED: &str = include_str!("../../../assets/rig.json");
 
 impl Rig {
     /// The rig in `path`, or the shipped one.
