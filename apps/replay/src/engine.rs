@@ -56,6 +56,12 @@ impl Recorded {
         }
     }
 
+    /// With the recorded poses: no tracker makes its own.
+    pub fn as_recorded(mut self) -> Self {
+        self.tracker = None;
+        self
+    }
+
     /// Runs it to its end, or until `visit` has enough; true where that was so. The next call goes on from
     /// there.
     ///
@@ -148,8 +154,8 @@ fn track(tracker: &mut Tracker, turn: &FrameTurn) -> TrackerFrame {
 pub enum Streamed<'a> {
     /// A camera-field, before the tracker takes it.
     Field(&'a BlobField),
-    /// A frame that the tracker made, and the hash of the state that the simulation made of it.
-    Frame(&'a TrackerFrame, u64),
+    /// A frame that the tracker made, the world that the simulation made of it, and the hash of its state.
+    Frame(&'a TrackerFrame, &'a World, u64),
 }
 
 /// Runs an imported stream to its end, to its first damage, which is returned, or until `visit` has
@@ -178,10 +184,12 @@ pub fn stream(
             break;
         }
         tracker.push(&field, |frame, used, closed| made.push(finished(frame, used, closed)));
-        simulate(&mut world, made.drain(..), tracker.refused(), &mut visit)?;
+        if simulate(&mut world, made.drain(..), tracker.refused(), &mut visit)?.is_break() {
+            return Ok(None);
+        }
     }
     tracker.finish(|frame, used, closed| made.push(finished(frame, used, closed)));
-    simulate(&mut world, made.drain(..), tracker.refused(), &mut visit)?;
+    let _ = simulate(&mut world, made.drain(..), tracker.refused(), &mut visit)?;
     Ok(damage)
 }
 
@@ -198,7 +206,7 @@ fn simulate(
     frames: impl Iterator<Item = TrackerFrame>,
     refused: u32,
     visit: &mut impl FnMut(Streamed<'_>) -> anyhow::Result<ControlFlow<()>>,
-) -> anyhow::Result<()> {
+) -> anyhow::Result<ControlFlow<()>> {
     for mut frame in frames {
         frame.fields_refused = refused;
         if let Err(invalid) = frame.validate() {
@@ -207,9 +215,11 @@ fn simulate(
         }
         let input = StepInput { frame: &frame, handles: &[], pedals: &[] };
         let report = world.step(&input, &mut no_clock);
-        let _ = visit(Streamed::Frame(&frame, report.state_hash))?;
+        if visit(Streamed::Frame(&frame, world, report.state_hash))?.is_break() {
+            return Ok(ControlFlow::Break(()));
+        }
     }
-    Ok(())
+    Ok(ControlFlow::Continue(()))
 }
 
 #[cfg(test)]

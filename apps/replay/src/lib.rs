@@ -22,6 +22,7 @@ pub mod report;
 pub mod resimulate;
 pub mod results;
 pub mod score;
+pub mod screen;
 pub mod snapshot;
 pub mod steps;
 pub mod stop;

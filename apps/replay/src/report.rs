@@ -1,10 +1,11 @@
 //! What a replay writes: poses, the blob stream, a report.
 
+use crate::film::claim;
 use crate::verify::Verdict;
 use anyhow::Context;
 use blob_stream::poses_csv::{DisplayClock, PosesCsv};
 use diagnosis::{Due, Tracking, TrackingFigures, Warning, Watch};
-use outputs::OutputFile;
+use outputs::{OutputFile, Outputs};
 use protocol::blobs::BlobField;
 use protocol::limits::FIELD_PERIOD_NS;
 use protocol::poses::TrackerFrame;
@@ -82,7 +83,7 @@ pub struct Products {
     display: Option<DisplayClock>,
     blobs: Option<OutputFile>,
     report: Option<PathBuf>,
-    outputs: outputs::Outputs,
+    outputs: Outputs,
     tracking: Tracking,
     watch: Watch,
     processing_ns: u64,
@@ -97,10 +98,11 @@ impl Products {
     /// # Errors
     /// Where a file is refused.
     pub fn open(args: &ReplayArgs, rig: &Rig) -> anyhow::Result<Self> {
-        let mut outputs = outputs::Outputs::new(args.force.force).reading(&args.file);
+        let mut outputs = Outputs::new(args.force.force).reading(&args.file);
         for path in [&args.poses, &args.blobs, &args.report].into_iter().flatten() {
             outputs.claim(path)?;
         }
+        claim(&args.drawing, args.video.as_deref(), &mut outputs)?;
         let poses = args.poses.as_deref().map(|path| outputs.create(path)).transpose()?;
         let lead_ns = (args.display_lead_ms * 1e6) as u64;
         Ok(Products {
@@ -115,6 +117,11 @@ impl Products {
             figures: Figures { file: args.file.display().to_string(), ..Figures::default() },
             span: None,
         })
+    }
+
+    /// The names of the files, of which the pictures are written elsewhere.
+    pub fn outputs(&self) -> Outputs {
+        self.outputs.clone()
     }
 
     /// Takes the count of frames that should have been from who saw all fields, also those that went into
@@ -146,10 +153,7 @@ impl Products {
         let exposed = frame.instants.exposed;
         let [start, end] = self.span.unwrap_or([exposed; 2]);
         self.span = Some([start.min(exposed), end.max(exposed)]);
-        if self.figures.desk {
-            return Ok(());
-        }
-        if self.tracking.note_frame(frame) {
+        if !self.figures.desk && self.tracking.note_frame(frame) {
             let at_s = exposed.saturating_sub(start.min(exposed)) as f64 * 1e-9;
             self.watch.note(at_s, self.tracking.findings());
         }

@@ -2,6 +2,7 @@
 //! that does the work takes them again.
 
 pub mod arrangement;
+mod drawing;
 mod export;
 mod film;
 mod fundus;
@@ -17,6 +18,7 @@ mod span;
 mod trace;
 
 pub use arrangement::Arrangement;
+pub use drawing::DrawingArgs;
 pub use export::{ExportArgs, TABLES, What};
 pub use film::FilmArgs;
 pub use fundus::{FundusArgs, FundusEye};
