@@ -54,6 +54,7 @@ pub mod scene;
 pub mod scene_text;
 pub mod steps;
 pub mod time;
+pub mod transport;
 pub mod wire;
 
 // `#[derive(Wire)]` names this crate, also inside it.

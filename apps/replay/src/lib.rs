@@ -7,6 +7,7 @@
 //! both take the items of a recording as they come.
 
 pub mod blocks;
+pub mod check;
 pub mod command;
 pub mod engine;
 pub mod exit;
@@ -26,7 +27,11 @@ pub mod screen;
 pub mod snapshot;
 pub mod steps;
 pub mod stop;
+pub mod suite;
+pub mod terminal;
 #[cfg(test)]
 mod test_runs;
 pub mod trace;
+pub mod transport;
 pub mod verify;
+pub mod viewer;

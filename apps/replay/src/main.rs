@@ -40,9 +40,11 @@ fn run(command: &RecordingCommand) -> anyhow::Result<ExitCode> {
         RecordingCommand::Export(args) => replay::export::run(args),
         RecordingCommand::Recover(args) => replay::recover::run(args),
         RecordingCommand::Info(args) => replay::info::run(args),
+        RecordingCommand::Check(args) => replay::check::run(args),
         RecordingCommand::Trace(args) => replay::trace::run(args),
         RecordingCommand::Film(args) => replay::film::run(args),
         RecordingCommand::Score(args) => replay::score::run(args),
+        RecordingCommand::Suite(args) => replay::suite::run(args),
         RecordingCommand::Results(args) => replay::results::run(args),
     }
 }

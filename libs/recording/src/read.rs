@@ -10,6 +10,7 @@ use super::write::METADATA;
 use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, Source, checksum};
 use mcap::parse_record;
 use mcap::records::{Record, op};
+use protocol::file::STDIN;
 use protocol::steps::STATE_HASH_VERSION;
 use protocol::time::Nanos;
 use std::collections::BTreeMap;
@@ -43,6 +44,10 @@ impl Recording {
     /// # Errors
     /// As there, but for the checksum.
     pub fn open_in_doubt(path: &Path) -> Result<Self, RecordingError> {
+        if path.as_os_str() == STDIN {
+            let problem = "it is read from several places: save it as a file first".into();
+            return Err(RecordingError::Foreign { file: "standard input".into(), problem });
+        }
         let mut records = Records::open(path)?;
         let finished = records.has_footer()?;
         let (offset, pairs) = metadata_of(&mut records)?;

@@ -2,6 +2,7 @@
 //! that does the work takes them again.
 
 pub mod arrangement;
+mod check;
 mod drawing;
 mod export;
 mod film;
@@ -15,9 +16,11 @@ mod replay;
 mod results;
 mod score;
 mod span;
+mod suite;
 mod trace;
 
 pub use arrangement::Arrangement;
+pub use check::CheckArgs;
 pub use drawing::DrawingArgs;
 pub use export::{ExportArgs, TABLES, What};
 pub use film::FilmArgs;
@@ -29,6 +32,7 @@ pub use replay::ReplayArgs;
 pub use results::{ResultsArgs, ResultsCommand, StoreArgs, TERMINAL};
 pub use score::{BatchArgs, ScoreArgs};
 pub use span::SpanArgs;
+pub use suite::SuiteArgs;
 pub use trace::TraceArgs;
 
 /// Commands on recordings: `vitreo` declares them, `vitreo-replay` carries them out.
@@ -44,12 +48,16 @@ pub enum RecordingCommand {
     Recover(RecoverArgs),
     /// Say what a recording holds.
     Info(InfoArgs),
+    /// Check that recordings are whole, in order and without gaps.
+    Check(CheckArgs),
     /// Show the way of one field through all instants.
     Trace(TraceArgs),
     /// Make a film of a module as a scripted surgeon does it, or of a recording as it was.
     Film(FilmArgs),
     /// Score recorded attempts at a module.
     Score(ScoreArgs),
+    /// Check recordings, streams and modules against what is expected of them.
+    Suite(SuiteArgs),
     /// List, plot, export and delete what trainees achieved.
     Results(ResultsArgs),
 }
