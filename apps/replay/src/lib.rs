@@ -27,5 +27,6 @@ pub mod steps;
 pub mod stop;
 #[cfg(test)]
 mod test_runs;
+pub mod timeline;
 pub mod trace;
 pub mod verify;
