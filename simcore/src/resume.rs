@@ -67,9 +67,10 @@ impl InputHistory {
         }
     }
 
-    /// Drops what the checkpoint's state has consumed. Numbers may begin again within a recording,
-    /// so the last match counts. What was recorded a little early or late stays.
-    fn trim(&mut self, header: &CheckpointHeader) {
+    /// Drops what the checkpoint's state has consumed; returns whether the last handle and the last pedal
+    /// state of that were there. Numbers may begin again within a recording, so the last match counts. What
+    /// was recorded a little early or late stays.
+    fn trim(&mut self, header: &CheckpointHeader) -> [bool; 2] {
         let same = |s: &StepRecord| s.step == header.step && s.state_hash == header.state_hash;
         let step = self.steps.iter().rposition(same);
         let exposed = step.map(|at| self.steps[at].instants.exposed);
@@ -82,10 +83,11 @@ impl InputHistory {
             // Its own record comes behind it, or never.
             None => self.steps.retain(|s| s.step > header.step),
         }
-        let consumed = self.handles.iter().rposition(|h| h.seq.wrapping_add(1) == header.handles_below);
-        self.handles.drain(..consumed.map_or(0, |at| at + 1));
-        let consumed = self.pedals.iter().rposition(|p| p.seq.wrapping_add(1) == header.pedals_below);
-        self.pedals.drain(..consumed.map_or(0, |at| at + 1));
+        let handle = self.handles.iter().rposition(|h| h.seq.wrapping_add(1) == header.handles_below);
+        self.handles.drain(..handle.map_or(0, |at| at + 1));
+        let pedal = self.pedals.iter().rposition(|p| p.seq.wrapping_add(1) == header.pedals_below);
+        self.pedals.drain(..pedal.map_or(0, |at| at + 1));
+        [handle.is_some(), pedal.is_some()]
     }
 
     /// Restores the checkpoint (or takes `world` as it is, at its start) and repeats the steps
@@ -182,12 +184,13 @@ impl InputHistory {
         world.restore(bytes.get(..header.bytes as usize).unwrap_or(bytes))?;
         (self.astray, self.guessed) = (false, false);
         let waiting = self.steps.len();
-        self.trim(header);
+        let [handle_found, pedal_found] = self.trim(header);
         // The step of the checkpoint, or its inputs, may be among what is missing.
         let next = self.steps.iter().position(|s| s.step > header.step).unwrap_or(self.steps.len());
         self.steps.drain(..next);
-        self.handles.retain(|h| h.seq >= header.handles_below);
-        self.pedals.retain(|p| p.seq >= header.pedals_below);
+        // Behind what was consumed a sender that was started again may count from 0.
+        self.handles.retain(|h| handle_found || h.seq >= header.handles_below);
+        self.pedals.retain(|p| pedal_found || p.seq >= header.pedals_below);
         Ok((waiting - self.steps.len()) as u64)
     }
 

@@ -80,8 +80,13 @@ impl Recorded {
         Ok(true)
     }
 
+    /// Bytes of the file read so far, for a progress bar.
+    pub fn bytes_read(&self) -> u64 {
+        self.items.bytes_read()
+    }
+
     /// Takes the next item, or the end.
-    fn read(&mut self) {
+    pub(crate) fn read(&mut self) {
         match self.items.next() {
             Some(Ok((at, item))) => {
                 self.frames.note(at, &item);
@@ -100,6 +105,15 @@ impl Recorded {
         }
     }
 
+    /// What the tracker makes of a frame; `None` at a desk.
+    pub(crate) fn track(&mut self, turn: &mut FrameTurn) -> Option<TrackerFrame> {
+        let (tracker, told) = self.tracker.as_mut()?;
+        go_on_over_a_gap(tracker, turn, &mut self.frames);
+        let made = track(tracker, turn);
+        told.tell(tracker);
+        Some(made)
+    }
+
     /// Does what can be done by now. Where `visit` has enough of frames, their steps follow.
     fn advance(
         &mut self,
@@ -109,16 +123,8 @@ impl Recorded {
         while flow.is_continue()
             && let Some(mut turn) = self.frames.next_turn()
         {
-            let made = match &mut self.tracker {
-                Some((tracker, told)) => {
-                    go_on_over_a_gap(tracker, &mut turn, &mut self.frames);
-                    let made = track(tracker, &turn);
-                    told.tell(tracker);
-                    &{ made }
-                }
-                None => &*turn.recorded,
-            };
-            flow = visit(Made::Frame(&turn, made))?;
+            let made = self.track(&mut turn);
+            flow = visit(Made::Frame(&turn, made.as_ref().unwrap_or(&turn.recorded)))?;
         }
         while let Some(again) = self.steps.next_step() {
             if visit(Made::Step(&again))?.is_break() {

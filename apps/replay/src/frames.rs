@@ -20,7 +20,10 @@ use std::sync::Arc;
 
 /// How far a consumed block may stand behind what consumed it, ns.
 pub const AHEAD_NS: u64 = 500_000_000;
-/// Camera-fields kept for frames to come: more than ten seconds of three cameras.
+/// How long a camera-field is kept for frames to come, ns of log time. So what a run knows follows from the
+/// items of that time and what tracker and world knew, wherever reading began.
+pub const FIELDS_KEPT_NS: u64 = 10_000_000_000;
+/// Camera-fields kept at most: more than those of three cameras in that time.
 const FIELDS_KEPT: usize = 2048;
 /// Checkpoints of the tracker kept for frames to come. One comes every two seconds, and after a restart.
 const CHECKPOINTS: usize = 4;
@@ -54,7 +57,8 @@ pub struct Frames {
     horizon_ns: Nanos,
     ended: bool,
     pending: VecDeque<(Nanos, Pending)>,
-    fields: VecDeque<Arc<BlobField>>,
+    /// Camera-fields with their log times.
+    fields: VecDeque<(Nanos, Arc<BlobField>)>,
     last_frame: Option<u64>,
     /// Since the last loss no pose has been determined.
     undetermined: bool,
@@ -90,6 +94,10 @@ impl Frames {
     /// Takes the next item.
     pub fn note(&mut self, at: Nanos, item: &Item) {
         self.horizon_ns = self.horizon_ns.max(at);
+        let is_old = |at: &Nanos| at.saturating_add(FIELDS_KEPT_NS) < self.horizon_ns;
+        while self.fields.front().is_some_and(|(at, _)| is_old(at)) {
+            self.fields.pop_front();
+        }
         match item {
             Item::Blobs(field) => {
                 self.due.note_field(field);
@@ -97,7 +105,7 @@ impl Frames {
                 if self.fields.len() == FIELDS_KEPT {
                     self.fields.pop_front();
                 }
-                self.fields.push_back(Arc::new(**field));
+                self.fields.push_back((at, Arc::new(**field)));
             }
             Item::Poses(frame) => self.pending.push_back((at, Pending::Pose(frame.clone()))),
             Item::TrackerCheckpoint(header, state) => {
@@ -173,11 +181,11 @@ impl Frames {
         self.undetermined |= self.fields_read == 0;
         let mut fields = Vec::with_capacity(frame.used().len());
         for used in frame.used() {
-            let is_it = |f: &Arc<BlobField>| {
+            let is_it = |(_, f): &(Nanos, Arc<BlobField>)| {
                 (f.camera, f.field, f.exposed_ns) == (used.camera, used.field, used.exposed_ns)
             };
             match self.fields.iter().position(is_it).and_then(|i| self.fields.remove(i)) {
-                Some(field) => fields.push(*field),
+                Some((_, field)) => fields.push(*field),
                 None => {
                     self.lose_poses(|| format!("field {} of camera {} is missing", used.field, used.camera));
                 }
@@ -195,6 +203,17 @@ impl Frames {
         };
         let found = self.checkpoints.iter().rev().find(|(header, _)| is_its(header));
         found.filter(|_| self.undetermined).map(|(_, state)| Arc::clone(state))
+    }
+
+    /// Newest log time that was read, ns.
+    pub fn horizon_ns(&self) -> Nanos {
+        self.horizon_ns
+    }
+
+    /// The tracker has been given what one knew that saw everything up to the newest frame: what is missing
+    /// before it does not matter.
+    pub fn go_on_determined(&mut self) {
+        (self.undetermined, self.lost) = (false, None);
     }
 
     /// The checkpoint that a turn came with is of no use: poses are no more determined than before.

@@ -31,6 +31,7 @@ pub mod suite;
 pub mod terminal;
 #[cfg(test)]
 mod test_runs;
+pub mod timeline;
 pub mod trace;
 pub mod transport;
 pub mod verify;

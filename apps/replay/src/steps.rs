@@ -82,7 +82,7 @@ enum Pending {
 }
 
 /// A state as it was recorded. Never changed, so that copies of a run share it.
-type SavedState = Arc<Vec<u8>>;
+pub(crate) type SavedState = Arc<Vec<u8>>;
 
 /// What the steps wait with.
 #[derive(Debug, Clone, Default)]
@@ -96,6 +96,8 @@ pub(crate) struct Waiting {
     newest: u64,
     /// Of the steps that were given up, those that were told.
     told: u64,
+    /// The state from which the run is to go on, once the record of its step has come.
+    resume: Option<(CheckpointHeader, SavedState)>,
 }
 
 impl Steps {
@@ -123,6 +125,23 @@ impl Steps {
         }
     }
 
+    /// The next step will be the one after this checkpoint's: steps are made once its record has come.
+    pub(crate) fn resume_after(&mut self, header: CheckpointHeader, state: SavedState) {
+        self.waiting.resume = Some((header, state));
+    }
+
+    /// True until the step of [`Steps::resume_after`] has come and its checkpoint was taken.
+    pub fn is_resuming(&self) -> bool {
+        self.waiting.resume.is_some()
+    }
+
+    /// Counts from here on only.
+    pub fn begin_here(&mut self) {
+        let other_state_hash_version = self.done.other_state_hash_version;
+        self.done = Resimulated { other_state_hash_version, ..Resimulated::default() };
+        (self.lost, self.waiting.told) = (None, 0);
+    }
+
     /// No item will come any more.
     pub fn end(&mut self) {
         self.waiting.ended = true;
@@ -136,7 +155,9 @@ impl Steps {
     /// Does the next step, once all that it can have consumed has come.
     pub fn next_step(&mut self) -> Option<StepAgain<'_>> {
         loop {
-            if let Some(repeated) = self.waiting.past.advance(&mut self.world) {
+            let resuming = self.is_resuming();
+            if let Some(repeated) = (!resuming).then(|| self.waiting.past.advance(&mut self.world)).flatten()
+            {
                 if self.is_proved(&repeated) {
                     return Some(self.done(repeated));
                 }
@@ -148,7 +169,7 @@ impl Steps {
                     Pending::Checkpoint(header, state) => self.take_checkpoint(header, state),
                     Pending::Step(step) => self.take_step(*step),
                 }
-            } else if !self.waiting.ended || !self.go_on() {
+            } else if resuming || !self.waiting.ended || !self.go_on() {
                 return None;
             }
         }
@@ -183,7 +204,31 @@ impl Steps {
         StepAgain { left_out: self.left_out(), world: &self.world, poses, recorded, step }
     }
 
+    /// Takes the state to resume from where `step` is the one after which it was saved. One that is of no
+    /// use leaves the run without a state.
+    fn try_to_resume(&mut self, step: StepRecord) {
+        self.waiting.newest = step.step;
+        self.waiting.past.note(Entry::Step(step));
+        let Some((header, state)) = &self.waiting.resume else { return };
+        if (step.step, step.field) != (header.step, header.field) {
+            return;
+        }
+        match self.waiting.past.jump(&mut self.world, header, state) {
+            Ok(_) if self.world.state_hash() != header.state_hash => {
+                tracing::warn!("step {}: its checkpoint is not of the state it names", header.step);
+            }
+            Ok(_) => {
+                self.waiting.resume = None;
+                self.begin_here();
+            }
+            Err(error) => tracing::warn!("step {}: its checkpoint is of no use: {error}", header.step),
+        }
+    }
+
     fn take_step(&mut self, step: StepRecord) {
+        if self.is_resuming() {
+            return self.try_to_resume(step);
+        }
         let number = step.step;
         if number == 1 {
             // The simulation began anew: what an earlier one saved or lacked is of no use.
@@ -209,7 +254,7 @@ impl Steps {
     fn take_checkpoint(&mut self, header: CheckpointHeader, state: SavedState) {
         if self.waiting.checkpoints.len() == CHECKPOINTS {
             let oldest = self.waiting.checkpoints.front().expect("two are kept").0.step;
-            match self.waiting.past.waiting() {
+            match self.waiting.past.waiting().filter(|_| !self.is_resuming()) {
                 Some(waiting) if waiting.step <= oldest + 1 => drop(self.go_on()),
                 _ => drop(self.waiting.checkpoints.pop_front()),
             }

@@ -29,6 +29,8 @@ pub(super) struct DataSection {
     problems: VecDeque<RecordingError>,
     messages: u64,
     ended: bool,
+    /// What stands before the place where reading began is not known: sums over the whole say nothing.
+    partial: bool,
 }
 
 /// Where reading goes on, and what it has seen until there.
@@ -40,6 +42,22 @@ pub(super) struct SectionPlace {
     unindexed: Option<BTreeMap<u16, u64>>,
     messages: u64,
     ended: bool,
+    partial: bool,
+}
+
+impl SectionPlace {
+    /// At a chunk of which nothing before it has been read.
+    pub fn at(offset: u64) -> Self {
+        SectionPlace {
+            offset,
+            crc: crc32fast::Hasher::new(),
+            damaged: false,
+            unindexed: None,
+            messages: 0,
+            ended: false,
+            partial: true,
+        }
+    }
 }
 
 impl DataSection {
@@ -54,6 +72,7 @@ impl DataSection {
             unindexed: self.unindexed.clone(),
             messages: self.messages,
             ended: self.ended,
+            partial: self.partial,
         })
     }
 
@@ -62,10 +81,11 @@ impl DataSection {
     /// # Errors
     /// Those of the operating system.
     pub fn go_to(&mut self, place: &SectionPlace) -> Result<(), RecordingError> {
-        let SectionPlace { offset, crc, damaged, unindexed, messages, ended } = place;
+        let SectionPlace { offset, crc, damaged, unindexed, messages, ended, partial } = place;
         self.records.seek(*offset)?;
         self.records.crc.clone_from(crc);
         (self.damaged, self.messages, self.ended) = (*damaged, *messages, *ended);
+        self.partial = *partial;
         self.unindexed.clone_from(unindexed);
         self.found = None;
         self.problems.clear();
@@ -87,6 +107,7 @@ impl DataSection {
             problems: VecDeque::new(),
             messages: 0,
             ended: false,
+            partial: false,
         })
     }
 
@@ -234,7 +255,7 @@ impl DataSection {
     /// At the end of the data: are they whole, and is what follows? `sum` is 0 where there is none.
     fn end(&mut self, offset: u64, sum: u32) -> Result<(), RecordingError> {
         self.ended = true;
-        if !self.damaged && sum != 0 && sum != self.records.crc.clone().finalize() {
+        if !self.damaged && !self.partial && sum != 0 && sum != self.records.crc.clone().finalize() {
             let problem = "what stands before it does not match the file's checksum";
             self.problems.push_back(self.records.damaged(offset, problem));
         }
@@ -256,7 +277,9 @@ impl DataSection {
         if sum != 0 && sum != crc32fast::hash(covered) {
             let problem = "the summary does not match its checksum (what it sums up may well)";
             self.problems.push_back(self.records.damaged(offset, problem));
-        } else if let Some(all) = messages_of(covered).filter(|all| self.damaged && *all > self.messages) {
+        } else if let Some(all) =
+            messages_of(covered).filter(|all| self.damaged && !self.partial && *all > self.messages)
+        {
             let problem = format!("{} of {all} messages of the file are missing", all - self.messages);
             self.problems.push_back(self.records.damaged(offset, problem));
         }

@@ -23,6 +23,22 @@ pub struct Place {
     given: u64,
 }
 
+impl Place {
+    /// At a chunk of which nothing before it has been read, for all topics.
+    pub(super) fn at(offset: u64, topics: Arc<Topics>) -> Self {
+        let wanted = Item::TOPICS[..].into();
+        let section = Some(SectionPlace::at(offset));
+        Place { wanted, topics, channels_known: true, section, given: 0 }
+    }
+
+    /// The same place, for these topics only.
+    pub(super) fn of_topics(mut self, topics: &[&'static str]) -> Self {
+        Arc::make_mut(&mut self.topics).retain(|_, topic| topics.contains(topic));
+        self.wanted = topics.into();
+        self
+    }
+}
+
 /// Topics by channel.
 type Topics = HashMap<u16, &'static str>;
 
@@ -103,6 +119,15 @@ impl Items {
     /// Bytes of the file read so far, for a progress bar.
     pub fn bytes_read(&self) -> u64 {
         self.section.as_ref().map_or(0, |section| section.records.offset)
+    }
+
+    /// All of the next chunk.
+    ///
+    /// # Errors
+    /// What is wrong there first.
+    pub(super) fn first_chunk(mut self) -> Result<Vec<(Nanos, Item)>, RecordingError> {
+        self.advance()?;
+        self.ready.drain(..).collect()
     }
 
     fn next_result(&mut self) -> Option<Result<(Nanos, Item), RecordingError>> {

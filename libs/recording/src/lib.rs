@@ -17,10 +17,12 @@
 //! which checksum.
 
 mod checksum;
+mod chunk_index;
 mod chunks;
 mod data_section;
 mod descriptors;
 mod disk;
+mod heads;
 mod items;
 mod note;
 mod protobuf;
@@ -40,6 +42,8 @@ mod disk_tests;
 #[cfg(test)]
 mod samples;
 
+pub use chunk_index::{Chunk, ChunkIndex};
+pub use heads::CheckpointHead;
 pub use items::{Items, Place};
 pub use note::{Note, NoteKind};
 pub use read::{Recording, states_incomparable};

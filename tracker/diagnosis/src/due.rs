@@ -115,6 +115,11 @@ impl Due {
         self.skipped
     }
 
+    /// Counts what is missing from here on only.
+    pub fn begin_here(&mut self) {
+        (self.before, self.between, self.skipped) = (0, 0, 0);
+    }
+
     /// Forgets the fields after the newest frame, where nobody looked for further frames.
     pub fn end_here(&mut self) {
         self.cameras.values_mut().for_each(|camera| camera.exposed_ns = 0);
@@ -189,6 +194,22 @@ mod tests {
             frame(&mut due, number, 1_000_000_000 + periods * PERIOD_NS);
         }
         assert_eq!((due.frames_missing(), due.fields_skipped()), (3, 3));
+    }
+
+    #[test]
+    fn what_is_missing_can_be_counted_from_anywhere_on() {
+        let mut due = Due::new(PERIOD_NS);
+        let mut missing = Vec::new();
+        for n in (0..100).filter(|n| ![20, 21, 60].contains(n)) {
+            field(&mut due, 0, n, 1_000_000_000 + n * PERIOD_NS);
+            frame(&mut due, n, 1_000_000_000 + n * PERIOD_NS);
+            if n == 40 {
+                missing.push((due.frames_missing(), due.fields_skipped()));
+                due.begin_here();
+            }
+        }
+        missing.push((due.frames_missing(), due.fields_skipped()));
+        assert_eq!(missing, [(2, 2), (1, 1)]);
     }
 
     #[test]

@@ -1,0 +1,143 @@
+//! Headers of checkpoints, read without unpacking what they hold: a chunk is unpacked up to them only.
+
+use super::RecordingError;
+use super::protobuf::{self, Fields};
+use super::records::{FRAME_BYTES, Records, chunk_bytes};
+use bytemuck::Zeroable;
+use mcap::records::op;
+use protocol::steps::CheckpointHeader;
+use protocol::time::Nanos;
+use protocol::wire::layout_of;
+use std::io::{self, BufRead, BufReader, Read};
+
+/// Bytes of a message that are looked at: more than the fields of a header take.
+const HEAD_BYTES: u64 = 128;
+/// Channel, sequence, log time and publish time before a message, bytes.
+const MESSAGE_HEADER_BYTES: usize = 22;
+/// Bytes of a chunk's header without the name of its compression.
+const CHUNK_HEADER_BYTES: usize = 40;
+/// Packed bytes that are read at a time.
+const BUFFER: usize = 16 << 10;
+
+/// Header of a simulation's checkpoint in a recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CheckpointHead {
+    /// Log time, ns.
+    pub log_time_ns: Nanos,
+    /// The header, whose `bytes` is 0: the state was not read.
+    pub header: CheckpointHeader,
+}
+
+/// Those in the chunk at `offset`, as far as it can be read.
+pub(super) fn of_chunk(
+    records: &mut Records,
+    offset: u64,
+    channels: &[u16],
+) -> Result<Vec<CheckpointHead>, RecordingError> {
+    let mut found = Vec::new();
+    let Some(Packed { bytes, plain_bytes, compressed }) = chunk_at(records, offset)? else {
+        return Ok(found);
+    };
+    let packed = BufReader::with_capacity(BUFFER, records.limited(bytes));
+    // What cannot be unpacked is damaged, and found to be so by whoever reads it all.
+    let _ = match compressed {
+        true => zstd::stream::read::Decoder::with_buffer(packed)
+            .and_then(|plain| take(BufReader::new(plain), plain_bytes, channels, &mut found)),
+        false => take(packed, plain_bytes, channels, &mut found),
+    };
+    Ok(found)
+}
+
+/// The records of a chunk as they stand in the file.
+struct Packed {
+    bytes: u64,
+    /// Bytes once unpacked.
+    plain_bytes: u64,
+    compressed: bool,
+}
+
+/// Finds the chunk at `offset` or behind the indexes there, and goes to its records.
+fn chunk_at(records: &mut Records, mut offset: u64) -> Result<Option<Packed>, RecordingError> {
+    loop {
+        records.seek(offset)?;
+        let left = records.length.saturating_sub(offset);
+        let mut frame = [0; FRAME_BYTES as usize + CHUNK_HEADER_BYTES + 4];
+        let there = &mut frame[..left.min(FRAME_BYTES + CHUNK_HEADER_BYTES as u64 + 4) as usize];
+        records.read(there)?;
+        let Some((head, body)) = there.split_at_checked(FRAME_BYTES as usize) else { return Ok(None) };
+        let size = u64::from_le_bytes(head[1..].try_into().expect("eight bytes"));
+        if head[0] != op::CHUNK {
+            let next = offset.checked_add(FRAME_BYTES).and_then(|at| at.checked_add(size));
+            match next.filter(|next| *next < records.length && head[0] != op::DATA_END) {
+                Some(next) => offset = next,
+                None => return Ok(None),
+            }
+            continue;
+        }
+        if chunk_bytes(body) != Some(size) || size > left - FRAME_BYTES {
+            return Ok(None);
+        }
+        let name_bytes = u32::from_le_bytes(body[28..32].try_into().expect("four bytes")) as usize;
+        let header = CHUNK_HEADER_BYTES + name_bytes;
+        let plain_bytes = u64::from_le_bytes(body[16..24].try_into().expect("eight bytes"));
+        let compressed = match &body[32..32 + name_bytes] {
+            b"" => false,
+            b"zstd" => true,
+            _ => return Ok(None),
+        };
+        records.seek(offset + FRAME_BYTES + header as u64)?;
+        return Ok(Some(Packed { bytes: size - header as u64, plain_bytes, compressed }));
+    }
+}
+
+/// Takes the headers from the records of a chunk.
+fn take(
+    mut plain: impl BufRead,
+    plain_bytes: u64,
+    channels: &[u16],
+    found: &mut Vec<CheckpointHead>,
+) -> io::Result<()> {
+    let (mut frame, mut end) = ([0; FRAME_BYTES as usize], 0u64);
+    // The last message is not read to its end.
+    while end < plain_bytes && plain.read_exact(&mut frame).is_ok() {
+        let [opcode, size @ ..] = frame;
+        let size = u64::from_le_bytes(size);
+        end = end.saturating_add(FRAME_BYTES).saturating_add(size);
+        let mut head = Vec::new();
+        if opcode == op::MESSAGE {
+            plain.by_ref().take(size.min(HEAD_BYTES)).read_to_end(&mut head)?;
+            found.extend(head_of(&head, channels));
+        }
+        let mut rest = size - head.len() as u64;
+        while rest > 0 && end < plain_bytes {
+            let there = plain.fill_buf()?.len().min(usize::try_from(rest).unwrap_or(usize::MAX));
+            if there == 0 {
+                return Ok(());
+            }
+            plain.consume(there);
+            rest -= there as u64;
+        }
+    }
+    Ok(())
+}
+
+fn head_of(message: &[u8], channels: &[u16]) -> Option<CheckpointHead> {
+    let (about, data) = message.split_at_checked(MESSAGE_HEADER_BYTES)?;
+    if !channels.contains(&u16::from_le_bytes([about[0], about[1]])) {
+        return None;
+    }
+    let log_time_ns = u64::from_le_bytes(about[6..14].try_into().ok()?);
+    // The state, which comes last, is cut off.
+    let mut fields = Fields(data);
+    let mut whole = 0;
+    while let Some(Ok((_, value))) = fields.next() {
+        if matches!(value, protobuf::Value::Delimited(_)) {
+            break;
+        }
+        whole = data.len() - fields.0.len();
+    }
+    let mut header = CheckpointHeader::zeroed();
+    let (layout, block) = (layout_of::<CheckpointHeader>(), bytemuck::bytes_of_mut(&mut header));
+    protobuf::decode(layout, &data[..whole], block, &mut Vec::new()).ok()?;
+    Some(CheckpointHead { log_time_ns, header })
+}
