@@ -27,4 +27,5 @@ mod silence;
 mod sleep;
 mod streams;
 mod text;
+mod transport;
 mod watch;

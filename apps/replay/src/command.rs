@@ -3,6 +3,7 @@
 
 use crate::engine::{Made, Recorded, Streamed, stream};
 use crate::film::PICTURES_PER_S;
+use crate::interactive;
 use crate::pace::{Pace, Part, Stopped};
 use crate::report::{Figures, Products};
 use crate::resimulate::scene_of;
@@ -33,6 +34,10 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
     let desk = recording.provenance().config.contains_key(recording::DESK);
     check(args, &recording, desk)?;
+    if args.is_watched() {
+        interactive::check(&recording)?;
+        return interactive::run(args, &recording, &StopSignal::install().context("signals")?);
+    }
     let rig = Rig::parse(&recording.provenance().rig_json, "of the recording")?;
     tracker::rig_check::check(&rig).context("the recording's rig cannot work")?;
     let mut products = Products::open(args, &rig)?;
@@ -180,9 +185,6 @@ impl Replay<'_> {
                 }
                 turn.fields.iter().try_for_each(|field| self.products.field(field, shown))?;
                 self.products.frame(frame, shown)?;
-                if let Some(screen) = &mut self.screen {
-                    screen.frame(frame);
-                }
                 if let (Some(why), None) = (&turn.lost, &self.products.figures.lost) {
                     self.products.figures.lost = Some(format!("field {}: {why}", turn.recorded.field));
                 }

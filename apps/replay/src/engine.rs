@@ -14,6 +14,7 @@ use protocol::steps::StepInput;
 use recording::{Item, Items, Recording, RecordingError};
 use rig::Rig;
 use simcore::world::{World, no_clock};
+use std::collections::VecDeque;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use tracker::assembler::ClosedFrame;
@@ -41,7 +42,12 @@ pub struct Recorded {
     pub steps: Steps,
     /// What is wrong with the file first, if something is.
     pub damage: Option<Arc<RecordingError>>,
+    /// The newest frames that the tracker made, which are ahead of their steps.
+    pub(crate) made: VecDeque<Arc<TrackerFrame>>,
 }
+
+/// Frames that are kept for their steps.
+const FRAMES: usize = 32;
 
 impl Recorded {
     /// At the beginning of `recording`, in a world at the start of its scene.
@@ -53,6 +59,7 @@ impl Recorded {
             frames: Frames::new(rig.field_period_ns(), desk),
             steps: Steps::new(world, recording.provenance()),
             damage: None,
+            made: VecDeque::new(),
         }
     }
 
@@ -111,6 +118,10 @@ impl Recorded {
         go_on_over_a_gap(tracker, turn, &mut self.frames);
         let made = track(tracker, turn);
         told.tell(tracker);
+        if self.made.len() == FRAMES {
+            self.made.pop_front();
+        }
+        self.made.push_back(Arc::new(made));
         Some(made)
     }
 
@@ -126,7 +137,9 @@ impl Recorded {
             let made = self.track(&mut turn);
             flow = visit(Made::Frame(&turn, made.as_ref().unwrap_or(&turn.recorded)))?;
         }
-        while let Some(again) = self.steps.next_step() {
+        while let Some(mut again) = self.steps.next_step() {
+            let of_step = |made: &&Arc<TrackerFrame>| made.frame == again.poses.frame;
+            again.made = self.made.iter().rfind(of_step).cloned();
             if visit(Made::Step(&again))?.is_break() {
                 return Ok(ControlFlow::Break(()));
             }

@@ -16,6 +16,7 @@ pub mod film;
 pub mod frames;
 pub mod import;
 pub mod info;
+pub mod interactive;
 pub mod pace;
 pub mod perception;
 pub mod recover;

@@ -9,20 +9,15 @@ use rig::Rig;
 use scene::SceneFile;
 use settings::commands::ReplayArgs;
 use simcore::world::World;
-use std::collections::VecDeque;
 use std::ops::ControlFlow;
 
 /// Tier of the pictures where no other one is asked for.
 const TIER: u32 = 0;
-/// Frames kept for steps to come; a step follows its frame within half a second.
-const FRAMES: usize = 64;
 
 /// A film of what a replay makes.
 pub struct Screen {
     drawing: Drawing,
     pictures: Pictures,
-    /// The newest frames, which steps consumed in their recorded form.
-    frames: VecDeque<TrackerFrame>,
 }
 
 impl Screen {
@@ -43,16 +38,7 @@ impl Screen {
         Ok(Screen {
             drawing: Drawing::begin(config, outputs, scene, rig, length_s)?,
             pictures: Pictures::new(world, start, args.span),
-            frames: VecDeque::with_capacity(FRAMES),
         })
-    }
-
-    /// Takes a frame that the tracker made: a picture of its step shows its poses.
-    pub fn frame(&mut self, made: &TrackerFrame) {
-        if self.frames.len() == FRAMES {
-            self.frames.pop_front();
-        }
-        self.frames.push_back(*made);
     }
 
     /// Shows a recorded step.
@@ -60,9 +46,7 @@ impl Screen {
     /// # Errors
     /// Where it lies too far behind the one before.
     pub fn step(&mut self, again: &StepAgain<'_>) -> anyhow::Result<ControlFlow<()>> {
-        let made = self.frames.iter().rfind(|frame| frame.frame == again.poses.frame);
-        let step = StepShown { poses: made.unwrap_or(&again.poses), ..StepShown::of(again) };
-        show(&mut self.pictures, &self.drawing, &step)
+        show(&mut self.pictures, &self.drawing, &StepShown::again(again))
     }
 
     /// Shows a step of an imported stream.

@@ -4,9 +4,11 @@
 use crate::engine::Recorded;
 use crate::frames::Frames;
 use crate::steps::{Resimulated, Waiting};
+use protocol::poses::TrackerFrame;
 use recording::{Place, RecordingError};
 use simcore::checkpoint::CheckpointError;
 use simcore::world::WorldSnapshot;
+use std::collections::VecDeque;
 use std::sync::Arc;
 use tracker::TrackerSnapshot;
 use tracker::report::Report;
@@ -22,6 +24,7 @@ pub struct Snapshot {
     done: Resimulated,
     lost: Option<String>,
     damage: Option<Arc<RecordingError>>,
+    made: VecDeque<Arc<TrackerFrame>>,
 }
 
 impl Snapshot {
@@ -43,6 +46,7 @@ impl Recorded {
             done: self.steps.done.clone(),
             lost: self.steps.lost.clone(),
             damage: self.damage.clone(),
+            made: self.made.clone(),
         }
     }
 
@@ -62,6 +66,7 @@ impl Recorded {
         self.steps.done.clone_from(&snapshot.done);
         self.steps.lost.clone_from(&snapshot.lost);
         self.damage.clone_from(&snapshot.damage);
+        self.made.clone_from(&snapshot.made);
         Ok(())
     }
 }

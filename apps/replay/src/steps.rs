@@ -57,6 +57,8 @@ pub struct StepAgain<'a> {
     pub left_out: u64,
     /// The recorded poses that it consumed.
     pub poses: Box<TrackerFrame>,
+    /// What this tracker makes of the same frame, where one does.
+    pub made: Option<Arc<TrackerFrame>>,
     /// What was recorded of it.
     pub recorded: StepRecord,
     /// What was recorded of it, with the state and the advance that came of it now.
@@ -201,7 +203,7 @@ impl Steps {
         let differs = comparable && state_hash != recorded.state_hash;
         self.done.differs_at = self.done.differs_at.or(differs.then_some(recorded.step));
         let step = StepRecord { state_hash, advanced_ns, ..recorded };
-        StepAgain { left_out: self.left_out(), world: &self.world, poses, recorded, step }
+        StepAgain { left_out: self.left_out(), world: &self.world, poses, made: None, recorded, step }
     }
 
     /// Takes the state to resume from where `step` is the one after which it was saved. One that is of no

@@ -38,6 +38,8 @@ pub struct Viewer {
     poses: Sender<TrackerFrame>,
     scenes: BlockSender<SceneHeader>,
     blocks: Blocks,
+    /// Number of the step that was shown last.
+    last: Option<u64>,
     /// Keeps the channels; dropped last.
     _instance: Instance,
 }
@@ -79,6 +81,7 @@ impl Viewer {
             poses,
             scenes,
             blocks,
+            last: None,
             _instance: instance,
         };
         viewer.await_start(&mut health, stopped)?;
@@ -119,6 +122,10 @@ impl Viewer {
                 bail!("the renderer ended ({status})")
             };
         }
+        let last = self.last.replace(step.step);
+        if last.is_none_or(|last| step.step != last + 1) {
+            self.blocks.forget();
+        }
         self.poses.send(step.poses)?;
         let (header, payload) = self.blocks.make(step.world, step.instants, step.state_hash);
         self.scenes.send(payload.len(), |room| {
@@ -126,11 +133,6 @@ impl Viewer {
             header
         })?;
         Ok(ControlFlow::Continue(()))
-    }
-
-    /// To be called where the next step does not follow the one before.
-    pub fn forget(&mut self) {
-        self.blocks.forget();
     }
 
     /// Shows a line at the lower left.

@@ -40,6 +40,12 @@ impl<'a> StepShown<'a> {
         StepShown { world: again.world, step, instants, state_hash, poses: &again.poses }
     }
 
+    /// A recorded step, with the poses that this tracker makes, where one does.
+    pub fn again(again: &'a StepAgain<'a>) -> Self {
+        let poses = again.made.as_deref().unwrap_or(&again.poses);
+        StepShown { poses, ..Self::of(again) }
+    }
+
     /// A step that was never recorded, made of `poses`.
     pub fn made_now(poses: &'a TrackerFrame, world: &'a World, state_hash: u64) -> Self {
         StepShown { world, step: world.state().step, instants: poses.instants, state_hash, poses }

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 /// Arguments of `vitreo replay`.
 #[derive(Debug, clap::Args)]
-#[command(mut_arg("stills", |arg| arg.conflicts_with("window")))]
+#[command(mut_arg("stills", |arg| arg.conflicts_with_all(["window", "interactive"])))]
 pub struct ReplayArgs {
     /// The recording.
     #[arg(value_name = "FILE.mcap")]
@@ -49,9 +49,12 @@ pub struct ReplayArgs {
     /// Draw off-screen, as fast as it can be computed (what --video and --stills do without --window).
     #[arg(long, conflicts_with = "window")]
     pub headless: bool,
-    /// Show the replay in a window, at its pace.
-    #[arg(long)]
+    /// Show the replay in a window, at its pace; keys stop, step and move it (H shows them).
+    #[arg(long, conflicts_with_all = ["verify", "poses", "blobs", "report", "assert_tracking"])]
     pub window: bool,
+    /// Stop, step and move the replay by keys in the terminal, with or without the window (h shows them).
+    #[arg(long, conflicts_with_all = ["verify", "poses", "blobs", "report", "assert_tracking", "video", "headless"])]
+    pub interactive: bool,
     /// Write a film, by its ending MP4 (H.264), or Y4M without compression.
     #[arg(long, value_name = "FILE.mp4|FILE.y4m", value_parser = video_file, conflicts_with = "window")]
     pub video: Option<PathBuf>,
@@ -73,8 +76,8 @@ pub struct ReplayArgs {
     /// Whether files that exist are written over.
     #[command(flatten)]
     pub force: Force,
-    /// Does nothing any more: a replay needs no processes of its own.
-    #[arg(long, value_name = "NAME", hide = true)]
+    /// Name of the simulator that the window's renderer belongs to [default: replay].
+    #[arg(long, value_name = "NAME", hide_short_help = true)]
     pub instance: Option<String>,
 }
 
@@ -82,6 +85,11 @@ impl ReplayArgs {
     /// Whether a film or stills are drawn.
     pub fn draws(&self) -> bool {
         self.video.is_some() || self.drawing.stills.is_some()
+    }
+
+    /// Whether somebody watches it, who can stop and move it.
+    pub fn is_watched(&self) -> bool {
+        self.window || self.interactive
     }
 
     /// As fast as it can be computed: nobody watches it.
