@@ -189,7 +189,7 @@ impl Replay<'_> {
         let Replay { recording, rig, pace, products, .. } = self;
         let damage = stream(recording, rig, world, |made| {
             match made {
-                Streamed::Field(field) => {
+                Streamed::Field(field, _) => {
                     let part = pace.part(field.exposed_ns);
                     if part == Part::After {
                         return Ok(ControlFlow::Break(()));
@@ -199,9 +199,9 @@ impl Replay<'_> {
                     }
                     products.field(field, part == Part::Shown)?;
                 }
-                Streamed::Frame(frame, state_hash) => {
+                Streamed::Frame { frame, report, .. } => {
                     products.frame(frame, pace.part(frame.instants.exposed) == Part::Shown)?;
-                    products.step(state_hash);
+                    products.step(report.state_hash);
                 }
             }
             Ok(ControlFlow::Continue(()))
