@@ -13,12 +13,19 @@ use scene::SceneFile;
 use simcore::world::World;
 use std::fs::File;
 use std::io::{Read, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command};
 use vitreo_tests::{Watchdog, binaries, instance_name, repository, vitreo};
 
 fn golden() -> PathBuf {
     repository().join("tests/data/golden/peel-2s.mcap")
+}
+
+/// A copy of it, beside which an index may lie.
+fn copy_of_golden(folder: &Path) -> String {
+    let file = folder.join("a.mcap");
+    std::fs::copy(golden(), &file).expect("a copy");
+    file.display().to_string()
 }
 
 /// A replay at a terminal.
@@ -76,7 +83,8 @@ impl AtTerminal {
 
 #[test]
 fn a_terminal_plays_stops_steps_and_goes_anywhere() {
-    let file = golden().display().to_string();
+    let folder = tempfile::tempdir().expect("folder");
+    let file = copy_of_golden(folder.path());
     let mut replay = AtTerminal::start(&["replay", &file, "--interactive"]);
     replay.await_text("x1");
     replay.type_in(" ", "paused");
@@ -95,6 +103,23 @@ fn a_terminal_plays_stops_steps_and_goes_anywhere() {
     replay.type_in("gx\r", "expected seconds");
     replay.type_in("g0.5\r", "0.50 s");
     replay.end();
+}
+
+#[test]
+fn an_imported_stream_is_stepped_too() {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let [blobs, rig, stream] = ["b.jsonl", "rig.json", "stream.mcap"].map(path);
+    let file = golden().display().to_string();
+    vitreo(&["export", &file, "--blobs", &blobs, "--rig", &rig]).expect_code(0);
+    vitreo(&["import", "--rig", &rig, &blobs, "-o", &stream]).expect_code(0);
+    let mut replay = AtTerminal::start(&["replay", &stream, "--interactive", "--rate", "0.05"]);
+    replay.await_text("x0.05");
+    replay.type_in(" ", "paused");
+    replay.type_in("gs40\r", "step 40 ");
+    replay.type_in(",", "step 39 ");
+    replay.end();
+    assert!(Path::new(&format!("{stream}.index")).is_file(), "the index is kept");
 }
 
 #[test]

@@ -36,6 +36,11 @@ impl StreamTracker {
         }
     }
 
+    /// The tracker.
+    pub fn tracker(&self) -> &Tracker {
+        &self.tracker
+    }
+
     /// Fields refused since the start.
     pub fn refused(&self) -> u32 {
         self.assembler.refused()

@@ -35,7 +35,6 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let desk = recording.provenance().config.contains_key(recording::DESK);
     check(args, &recording, desk)?;
     if args.is_watched() {
-        interactive::check(&recording)?;
         return interactive::run(args, &recording, &StopSignal::install().context("signals")?);
     }
     let rig = Rig::parse(&recording.provenance().rig_json, "of the recording")?;
@@ -215,7 +214,7 @@ impl Replay<'_> {
         let Replay { recording, rig, pace, products, screen, .. } = self;
         let damage = stream(recording, rig, world, |made| {
             match made {
-                Streamed::Field(field) => {
+                Streamed::Field(field, _) => {
                     let part = pace.part(field.exposed_ns);
                     if part == Part::After {
                         return Ok(ControlFlow::Break(()));
@@ -225,12 +224,12 @@ impl Replay<'_> {
                     }
                     products.field(field, part == Part::Shown)?;
                 }
-                Streamed::Frame(frame, world, state_hash) => {
+                Streamed::Frame { frame, world, report, .. } => {
                     let part = pace.part(frame.instants.exposed);
                     products.frame(frame, part == Part::Shown)?;
-                    products.step(state_hash);
+                    products.step(report.state_hash);
                     if let Some(screen) = screen.as_mut().filter(|_| part != Part::After) {
-                        return screen.streamed(frame, world, state_hash);
+                        return screen.streamed(frame, world, report.state_hash);
                     }
                 }
             }

@@ -13,7 +13,7 @@ use protocol::poses::{ClosedBy, TrackerFrame};
 use protocol::steps::StepInput;
 use recording::{Item, Items, Recording, RecordingError};
 use rig::Rig;
-use simcore::world::{World, no_clock};
+use simcore::world::{StepReport, World, no_clock};
 use std::collections::VecDeque;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -171,10 +171,19 @@ fn track(tracker: &mut Tracker, turn: &FrameTurn) -> TrackerFrame {
 
 /// What comes of an imported stream.
 pub enum Streamed<'a> {
-    /// A camera-field, before the tracker takes it.
-    Field(&'a BlobField),
-    /// A frame that the tracker made, the world that the simulation made of it, and the hash of its state.
-    Frame(&'a TrackerFrame, &'a World, u64),
+    /// A camera-field, before the tracker takes it, and the bytes of the file that were read.
+    Field(&'a BlobField, u64),
+    /// A frame that the tracker made, and the step that the simulation made of it.
+    Frame {
+        /// The frame.
+        frame: &'a TrackerFrame,
+        /// The tracker behind it; `None` where it has made further ones already.
+        tracker: Option<&'a Tracker>,
+        /// The world behind the step.
+        world: &'a World,
+        /// The step.
+        report: StepReport,
+    },
 }
 
 /// Runs an imported stream to its end, to its first damage, which is returned, or until `visit` has
@@ -190,7 +199,8 @@ pub fn stream(
 ) -> anyhow::Result<Option<RecordingError>> {
     let (mut tracker, mut made) = (StreamTracker::new(rig), Vec::new());
     let mut damage = None;
-    for item in recording.items() {
+    let mut items = recording.items();
+    while let Some(item) = items.next() {
         let field = match item {
             Ok((_, Item::Blobs(field))) => field,
             Ok(_) => continue,
@@ -199,16 +209,16 @@ pub fn stream(
                 break;
             }
         };
-        if visit(Streamed::Field(&field))?.is_break() {
+        if visit(Streamed::Field(&field, items.bytes_read()))?.is_break() {
             break;
         }
         tracker.push(&field, |frame, used, closed| made.push(finished(frame, used, closed)));
-        if simulate(&mut world, made.drain(..), tracker.refused(), &mut visit)?.is_break() {
+        if simulate(&mut world, made.drain(..), &tracker, &mut visit)?.is_break() {
             return Ok(None);
         }
     }
     tracker.finish(|frame, used, closed| made.push(finished(frame, used, closed)));
-    let _ = simulate(&mut world, made.drain(..), tracker.refused(), &mut visit)?;
+    let _ = simulate(&mut world, made.drain(..), &tracker, &mut visit)?;
     Ok(damage)
 }
 
@@ -222,19 +232,21 @@ fn finished(mut frame: TrackerFrame, used: &[BlobField], closed: &ClosedFrame) -
 /// Makes a step of each frame. Without handles and pedal.
 fn simulate(
     world: &mut World,
-    frames: impl Iterator<Item = TrackerFrame>,
-    refused: u32,
+    frames: impl ExactSizeIterator<Item = TrackerFrame>,
+    tracker: &StreamTracker,
     visit: &mut impl FnMut(Streamed<'_>) -> anyhow::Result<ControlFlow<()>>,
 ) -> anyhow::Result<ControlFlow<()>> {
-    for mut frame in frames {
-        frame.fields_refused = refused;
+    let newest = frames.len().saturating_sub(1);
+    for (i, mut frame) in frames.enumerate() {
+        frame.fields_refused = tracker.refused();
         if let Err(invalid) = frame.validate() {
             tracing::error!(field = frame.field, "frame withheld: {invalid}");
             continue;
         }
         let input = StepInput { frame: &frame, handles: &[], pedals: &[] };
         let report = world.step(&input, &mut no_clock);
-        if visit(Streamed::Frame(&frame, world, report.state_hash))?.is_break() {
+        let tracker = (i == newest).then(|| tracker.tracker());
+        if visit(Streamed::Frame { frame: &frame, tracker, world, report })?.is_break() {
             return Ok(ControlFlow::Break(()));
         }
     }

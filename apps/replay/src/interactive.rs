@@ -5,10 +5,10 @@ use crate::resimulate::scene_of;
 use crate::stop::StopSignal;
 use crate::terminal::{Pressed, Terminal};
 use crate::timeline::player::Player;
-use crate::timeline::{self, Moment, Timeline};
+use crate::timeline::{self, Moment, index};
 use crate::transport::{Order, RATES, Target, Transport};
 use crate::viewer::Viewer;
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, bail};
 use outputs::exit::INTERRUPTED;
 use protocol::inputs::Key;
 use protocol::time::Nanos;
@@ -34,7 +34,7 @@ pub fn run(args: &ReplayArgs, recording: &Recording, stop: &StopSignal) -> anyho
     let scene = scene_of(recording)?;
     let world = World::new(&scene).context("scene")?;
     let rig = Rig::parse(&recording.provenance().rig_json, "of the recording")?;
-    let timeline = Timeline::open(recording)?;
+    let timeline = index::open(recording, stop)?;
     let name = recording.path().display();
     let Some(ends) = timeline.ends() else { bail!("{name}: holds no steps to be shown") };
     let viewer = if args.window {
@@ -295,18 +295,4 @@ impl Show {
         }
         Ok(())
     }
-}
-
-/// Refuses what cannot be shown.
-///
-/// # Errors
-/// For a recording without steps.
-pub fn check(recording: &Recording) -> anyhow::Result<()> {
-    let import = recording.provenance().source == recording::Source::Import;
-    ensure!(
-        !import,
-        "{}: an imported stream cannot be stepped yet; --video and --stills draw it",
-        recording.path().display()
-    );
-    Ok(())
 }

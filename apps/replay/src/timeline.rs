@@ -9,10 +9,12 @@
 //! Over a gap, a played run waits some seconds for a checkpoint before it goes on. One that begins behind
 //! the gap does not: its frames and steps are the same, but frames may come later between the steps.
 
+pub mod index;
 pub mod pairs;
 pub mod player;
 mod resume;
 pub mod saving;
+mod streamed;
 
 use crate::frames::{AHEAD_NS, FIELDS_KEPT_NS};
 use pairs::{Known, Pairs};
@@ -88,7 +90,7 @@ pub struct Arrival {
 pub struct Timeline {
     recording: Recording,
     chunks: ChunkIndex,
-    pairs: Pairs,
+    pairs: Option<Pairs>,
     /// The poses are a tracker's.
     tracked: bool,
     ends: Option<[Moment; 2]>,
@@ -106,19 +108,26 @@ impl Timeline {
     pub fn open(recording: &Recording) -> Result<Self, RecordingError> {
         let recording = Recording::open(recording.path())?;
         let chunks = recording.chunk_index()?;
-        let pairs = Pairs::of(Recording::open(recording.path())?, chunks.clone())?;
-        let tracked = !recording.provenance().config.contains_key(recording::DESK);
+        let provenance = recording.provenance();
+        let tracked = !provenance.config.contains_key(recording::DESK);
+        let comparable = provenance.other_state_hash_version().is_none()
+            && (!tracked || provenance.other_tracker_version().is_none());
+        let own = || Pairs::of(Recording::open(recording.path())?, chunks.clone());
+        let pairs = comparable.then(own).transpose()?.filter(|pairs| pairs.are_complete(tracked));
         let ends = ends(&recording, &chunks);
         let window_ns = FIELDS_KEPT_NS + AHEAD_NS;
         Ok(Timeline { recording, chunks, pairs, tracked, ends, window_ns, events: OnceCell::new() })
     }
 
-    /// True if its own checkpoints are of use to this build.
+    /// True if there are checkpoints of use to this build.
     pub fn has_checkpoints(&self) -> bool {
-        let provenance = self.recording.provenance();
-        let comparable = provenance.other_state_hash_version().is_none()
-            && (!self.tracked || provenance.other_tracker_version().is_none());
-        comparable && self.pairs.heads().len() > 0 && (!self.tracked || self.pairs.has_tracker())
+        self.pairs.is_some()
+    }
+
+    /// With these checkpoints, of an index, in the place of its own.
+    fn with_pairs(mut self, pairs: Pairs) -> Self {
+        self.pairs = Some(pairs);
+        self
     }
 
     /// The recording.
@@ -131,9 +140,10 @@ impl Timeline {
         self.ends
     }
 
-    /// The checkpoints between which a run can begin.
-    pub fn pairs(&self) -> &Pairs {
-        &self.pairs
+    /// The checkpoints behind which a run can begin; `None` where those of the recording are of no use to this
+    /// build, and there is no index.
+    pub fn pairs(&self) -> Option<&Pairs> {
+        self.pairs.as_ref()
     }
 
     /// The recorded events, in the order of the file. Read when they are first asked for.
@@ -154,7 +164,8 @@ impl Timeline {
     /// Checkpoints before a place, the best first: numbers among [`Pairs::heads`]. Numbers of steps and fields
     /// may begin anew within a recording, so it is the first stretch that can hold the place.
     fn before(&self, target: Target) -> impl Iterator<Item = usize> + use<> {
-        let keys = self.pairs.heads().map(|head| match target {
+        let heads = self.pairs.iter().flat_map(Pairs::heads);
+        let keys = heads.map(|head| match target {
             // It was made after the exposure.
             Target::Exposed(_) => head.log_time_ns,
             Target::Field(_) => head.header.field,
@@ -172,7 +183,7 @@ impl Timeline {
 
     /// A checkpoint, and the place from which on all is read that was under way then.
     fn known(&self, number: usize) -> Option<(Known, Place)> {
-        let known = self.pairs.read(number, self.tracked)?;
+        let known = self.pairs.as_ref()?.read(number, self.tracked)?;
         let from_ns = known.from_ns.saturating_sub(self.window_ns);
         let place = self.chunks.place(self.chunks.first_with(from_ns))?;
         Some((known, place))
@@ -189,7 +200,7 @@ fn ends(recording: &Recording, chunks: &ChunkIndex) -> Option<[Moment; 2]> {
         })
     };
     let first = chunks.holding("steps").find_map(|chunk| steps(chunk).next())?;
-    let last = chunks.holding("steps").rev().find_map(|chunk| steps(chunk).last())?;
+    let last = chunks.holding("steps").rev().find_map(|chunk| steps(chunk).next_back())?;
     Some([first, last])
 }
 

@@ -19,6 +19,11 @@ use std::sync::Arc;
 /// Footer and magic at the end of a file, bytes.
 const TAIL_BYTES: u64 = FRAME_BYTES + 20 + MAGIC.len() as u64;
 
+/// The record of the data's end, bytes.
+const DATA_END_BYTES: u64 = FRAME_BYTES + 4;
+/// Bytes that are read at a time to compute a checksum.
+const PIECE_BYTES: usize = 1 << 20;
+
 /// The chunks of a recording, in the order of the file.
 #[derive(Debug, Clone)]
 pub struct ChunkIndex {
@@ -149,6 +154,27 @@ impl Recording {
         let channels: Vec<u16> = channels.map(|(channel, _)| *channel).collect();
         let mut records = Records::open(self.path())?;
         heads::of_chunk(&mut records, at.offset, &channels)
+    }
+
+    /// True if the file was closed in order and matches the checksums at its end: then nothing of it is
+    /// damaged or missing.
+    ///
+    /// # Errors
+    /// Those of the operating system.
+    pub fn matches_checksum(&self) -> Result<bool, RecordingError> {
+        let Some(summary) = self.summary()? else { return Ok(false) };
+        let mut records = Records::open(self.path())?;
+        let end = (records.length - summary.len() as u64).saturating_sub(DATA_END_BYTES);
+        let mut piece = vec![0; PIECE_BYTES];
+        while records.offset < end {
+            let there = &mut piece[..PIECE_BYTES.min((end - records.offset) as usize)];
+            records.read(there)?;
+            records.crc.update(there);
+        }
+        let mut frame = [0; DATA_END_BYTES as usize];
+        records.read(&mut frame)?;
+        let sum = records.crc.finalize().to_le_bytes();
+        Ok(frame[0] == op::DATA_END && frame[FRAME_BYTES as usize..] == sum)
     }
 
     /// The end of the file from the summary's first record on; `None` where there is none, or it does not
@@ -314,6 +340,7 @@ mod tests {
         let items = written(&path);
         let recording = Recording::open(&path).unwrap();
         let (index, scanned) = (agrees(&path).unwrap(), recording.scan().unwrap());
+        assert!(recording.matches_checksum().unwrap());
         assert!(index.is_from_summary() && !scanned.is_from_summary());
         let of = |index: &ChunkIndex| {
             index.chunks().iter().map(|c| (c.newest_ns, c.topics)).filter(|c| c.1 > 0).collect::<Vec<_>>()
@@ -377,11 +404,9 @@ mod tests {
             }
             cut.iter().for_each(|at| bytes.truncate(at.index(bytes.len())));
             std::fs::write(&path, &bytes).unwrap();
-            if Recording::open(&path).is_err() {
-                return Ok(());
-            }
+            let Ok(recording) = Recording::open(&path) else { return Ok(()) };
+            prop_assert!(!recording.matches_checksum().unwrap());
             let index = agrees(&path)?;
-            let recording = Recording::open(&path).unwrap();
             for i in 0..index.chunks().len() {
                 drop(recording.checkpoint_heads(&index, i));
                 drop(recording.items_of_chunk(&index, i, &["checkpoints"]));

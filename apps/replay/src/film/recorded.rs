@@ -32,10 +32,10 @@ pub fn play(
         Source::Import => {
             let mut done = Resimulated::default();
             let damage = stream(recording, rig, world, |made| match made {
-                Streamed::Field(_) => Ok(ControlFlow::Continue(())),
-                Streamed::Frame(frame, world, state_hash) => {
+                Streamed::Field(..) => Ok(ControlFlow::Continue(())),
+                Streamed::Frame { frame, world, report, .. } => {
                     done.steps += 1;
-                    pictures.take(&StepShown::made_now(frame, world, state_hash), show)
+                    pictures.take(&StepShown::made_now(frame, world, report.state_hash), show)
                 }
             })?;
             done.damage = damage.map(|damage| damage.to_string());

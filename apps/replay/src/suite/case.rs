@@ -169,8 +169,8 @@ fn imported(recording: &Recording, rig: &Rig) -> anyhow::Result<(Tracking, Vec<E
     let world = World::new(&scene_of(recording)?).context("scene")?.unseen();
     let damage = stream(recording, rig, world, |made| {
         match made {
-            Streamed::Field(field) => tracking.note_field(field),
-            Streamed::Frame(frame, world, _) => {
+            Streamed::Field(field, _) => tracking.note_field(field),
+            Streamed::Frame { frame, world, .. } => {
                 let _ = tracking.note_frame(frame);
                 events.extend_from_slice(world.events());
             }

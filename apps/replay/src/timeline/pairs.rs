@@ -54,9 +54,9 @@ impl Pairs {
         self.heads.iter().map(|(head, _)| head)
     }
 
-    /// True if there are checkpoints of the tracker.
-    pub fn has_tracker(&self) -> bool {
-        !self.of_tracker.is_empty()
+    /// True if there are checkpoints of the simulation, and of the tracker where that is wanted.
+    pub fn are_complete(&self, with_tracker: bool) -> bool {
+        !self.heads.is_empty() && !(with_tracker && self.of_tracker.is_empty())
     }
 
     /// Reads a checkpoint of the simulation, and the tracker's that belongs to it where that is wanted;
