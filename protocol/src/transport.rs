@@ -89,4 +89,12 @@ mod tests {
     fn the_help_fits_the_picture() {
         assert!(help().lines().count() <= 30 && help().lines().all(|line| line.chars().count() <= 80));
     }
+
+    #[test]
+    fn the_documents_list_every_key() {
+        let page = include_str!("../../docs/recording.md");
+        for (keys, text) in rows() {
+            assert!(page.contains(&format!("| {keys} | {text} |")), "docs/recording.md lacks {keys}: {text}");
+        }
+    }
 }

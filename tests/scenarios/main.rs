@@ -17,6 +17,7 @@ mod logging;
 mod modules;
 mod outputs;
 mod packaging;
+mod parts;
 mod picture_stream;
 mod pictures;
 mod play;

@@ -6,12 +6,13 @@
 //! the simulation gets what it makes.
 
 use crate::frames::{FrameTurn, Frames};
-use crate::steps::{StepAgain, Steps};
+use crate::steps::{SavedState, StepAgain, Steps};
 use protocol::blobs::BlobField;
+use protocol::checkpoints::TrackerCheckpointHeader;
 use protocol::message::Message;
 use protocol::poses::{ClosedBy, TrackerFrame};
 use protocol::steps::StepInput;
-use recording::{Item, Items, Recording, RecordingError};
+use recording::{CUT, Item, Items, Recording, RecordingError};
 use rig::Rig;
 use simcore::world::{StepReport, World, no_clock};
 use std::collections::VecDeque;
@@ -44,6 +45,8 @@ pub struct Recorded {
     pub damage: Option<Arc<RecordingError>>,
     /// The newest frames that the tracker made, which are ahead of their steps.
     pub(crate) made: VecDeque<Arc<TrackerFrame>>,
+    /// What the tracker knew where the recording was cut, until the frame before that has come.
+    pub(crate) begins_with: Option<(TrackerCheckpointHeader, SavedState)>,
 }
 
 /// Frames that are kept for their steps.
@@ -57,9 +60,10 @@ impl Recorded {
             items: recording.items(),
             tracker: (!desk).then(|| (Tracker::new(rig), Report::default())),
             frames: Frames::new(rig.field_period_ns(), desk),
-            steps: Steps::new(world, recording.provenance()),
+            steps: Steps::of(recording, world),
             damage: None,
             made: VecDeque::new(),
+            begins_with: (!desk).then(|| tracker_at_start(recording)).flatten(),
         }
     }
 
@@ -112,6 +116,24 @@ impl Recorded {
         }
     }
 
+    /// True for a frame before the place at which the recording was cut; the last of them brings what the
+    /// tracker knew then.
+    pub(crate) fn is_before_beginning(&mut self, turn: &FrameTurn) -> bool {
+        let Some((header, state)) = &self.begins_with else { return false };
+        let recorded = &turn.recorded;
+        if (recorded.frame, recorded.instants.exposed) != (header.frame, header.exposed_ns) {
+            return true;
+        }
+        let restored = self.tracker.as_mut().map_or(Ok(()), |(tracker, _)| tracker.restore(state));
+        match restored {
+            Ok(()) => self.frames.go_on_determined(),
+            Err(problem) => tracing::warn!("what the tracker knew at the cut is of no use: {problem}"),
+        }
+        self.frames.due.begin_here();
+        self.begins_with = None;
+        true
+    }
+
     /// What the tracker makes of a frame; `None` at a desk.
     pub(crate) fn track(&mut self, turn: &mut FrameTurn) -> Option<TrackerFrame> {
         let (tracker, told) = self.tracker.as_mut()?;
@@ -134,6 +156,9 @@ impl Recorded {
         while flow.is_continue()
             && let Some(mut turn) = self.frames.next_turn()
         {
+            if self.is_before_beginning(&turn) {
+                continue;
+            }
             let made = self.track(&mut turn);
             flow = visit(Made::Frame(&turn, made.as_ref().unwrap_or(&turn.recorded)))?;
         }
@@ -145,6 +170,18 @@ impl Recorded {
             }
         }
         Ok(flow)
+    }
+}
+
+/// What the tracker knew where a recording was cut.
+fn tracker_at_start(recording: &Recording) -> Option<(TrackerCheckpointHeader, SavedState)> {
+    if !recording.provenance().config.contains_key(CUT) {
+        return None;
+    }
+    let mut items = recording.items_of(&["tracker-checkpoints"]).filter_map(Result::ok);
+    match items.next() {
+        Some((_, Item::TrackerCheckpoint(header, state))) => Some((header, Arc::new(state))),
+        _ => None,
     }
 }
 

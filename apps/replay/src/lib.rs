@@ -9,6 +9,7 @@
 pub mod blocks;
 pub mod check;
 pub mod command;
+pub mod cut;
 pub mod engine;
 pub mod exit;
 pub mod export;
@@ -17,6 +18,7 @@ pub mod frames;
 pub mod import;
 pub mod info;
 pub mod interactive;
+pub mod merge;
 pub mod pace;
 pub mod perception;
 pub mod recover;

@@ -38,6 +38,8 @@ fn run(command: &RecordingCommand) -> anyhow::Result<ExitCode> {
         RecordingCommand::Replay(args) => replay::command::run(args),
         RecordingCommand::Import(args) => replay::import::run(args),
         RecordingCommand::Export(args) => replay::export::run(args),
+        RecordingCommand::Cut(args) => replay::cut::run(args),
+        RecordingCommand::Merge(args) => replay::merge::run(args),
         RecordingCommand::Recover(args) => replay::recover::run(args),
         RecordingCommand::Info(args) => replay::info::run(args),
         RecordingCommand::Check(args) => replay::check::run(args),

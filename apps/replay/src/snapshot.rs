@@ -3,7 +3,8 @@
 
 use crate::engine::Recorded;
 use crate::frames::Frames;
-use crate::steps::{Resimulated, Waiting};
+use crate::steps::{Resimulated, SavedState, Waiting};
+use protocol::checkpoints::TrackerCheckpointHeader;
 use protocol::poses::TrackerFrame;
 use recording::{Place, RecordingError};
 use simcore::checkpoint::CheckpointError;
@@ -25,6 +26,7 @@ pub struct Snapshot {
     lost: Option<String>,
     damage: Option<Arc<RecordingError>>,
     made: VecDeque<Arc<TrackerFrame>>,
+    begins_with: Option<(TrackerCheckpointHeader, SavedState)>,
 }
 
 impl Snapshot {
@@ -47,6 +49,7 @@ impl Recorded {
             lost: self.steps.lost.clone(),
             damage: self.damage.clone(),
             made: self.made.clone(),
+            begins_with: self.begins_with.clone(),
         }
     }
 
@@ -67,6 +70,7 @@ impl Recorded {
         self.steps.lost.clone_from(&snapshot.lost);
         self.damage.clone_from(&snapshot.damage);
         self.made.clone_from(&snapshot.made);
+        self.begins_with.clone_from(&snapshot.begins_with);
         Ok(())
     }
 }

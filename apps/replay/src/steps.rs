@@ -10,7 +10,7 @@ use protocol::journal::Entry;
 use protocol::poses::TrackerFrame;
 use protocol::steps::{CheckpointHeader, StepRecord};
 use protocol::time::Nanos;
-use recording::{Item, Provenance};
+use recording::{CUT, Item, Provenance, Recording};
 use simcore::resume::{InputHistory, Repeated};
 use simcore::world::World;
 use std::collections::VecDeque;
@@ -112,6 +112,18 @@ impl Steps {
             done: Resimulated { other_state_hash_version, ..Resimulated::default() },
             lost: None,
         }
+    }
+
+    /// Of a recording, which may begin with a state ([`CUT`]).
+    pub fn of(recording: &Recording, world: World) -> Self {
+        let mut steps = Self::new(world, recording.provenance());
+        if recording.provenance().config.contains_key(CUT) {
+            let mut items = recording.items_of(&["checkpoints"]).filter_map(Result::ok);
+            if let Some((_, Item::Checkpoint(header, state))) = items.next() {
+                steps.resume_after(header, Arc::new(state));
+            }
+        }
+        steps
     }
 
     /// Takes the next item.

@@ -66,6 +66,10 @@ use std::collections::BTreeMap;
 /// What a provenance calls the inputs of a run at a desk, without cameras.
 pub const DESK: &str = "desk";
 
+/// What a provenance calls the place at which a part was cut off the beginning: the recording begins with what
+/// tracker and simulation knew there.
+pub const CUT: &str = "cut";
+
 /// MCAP profile of a recording.
 pub const PROFILE: &str = "vitreo";
 /// Version of the recording's format; another one is refused.

@@ -3,12 +3,14 @@
 
 pub mod arrangement;
 mod check;
+mod cut;
 mod drawing;
 mod export;
 mod film;
 mod fundus;
 mod import;
 mod info;
+mod merge;
 pub mod numbers;
 pub mod processes;
 mod recover;
@@ -21,12 +23,14 @@ mod trace;
 
 pub use arrangement::Arrangement;
 pub use check::CheckArgs;
+pub use cut::CutArgs;
 pub use drawing::DrawingArgs;
 pub use export::{ExportArgs, TABLES, What};
 pub use film::FilmArgs;
 pub use fundus::{FundusArgs, FundusEye};
 pub use import::ImportArgs;
 pub use info::InfoArgs;
+pub use merge::MergeArgs;
 pub use recover::RecoverArgs;
 pub use replay::ReplayArgs;
 pub use results::{ResultsArgs, ResultsCommand, StoreArgs, TERMINAL};
@@ -44,6 +48,10 @@ pub enum RecordingCommand {
     Import(ImportArgs),
     /// Write the contents of a recording as CSV or JSON lines.
     Export(ExportArgs),
+    /// Cut a part out of a recording, as a recording that verifies to the bit.
+    Cut(CutArgs),
+    /// Put parts of one run together again.
+    Merge(MergeArgs),
     /// Mend a truncated recording.
     Recover(RecoverArgs),
     /// Say what a recording holds.

@@ -18,6 +18,7 @@ impl Recorded {
     /// For a copy of a run of another scene.
     pub(crate) fn resume(&mut self, begin: &Snapshot, place: &Place, known: Known) -> anyhow::Result<bool> {
         self.restore(begin)?;
+        self.begins_with = None;
         self.items.go_to(place);
         let Known { world: (header, state), mut tracker, from_ns } = known;
         let until_ns: Nanos = from_ns.saturating_add(BEHIND_NS);
