@@ -44,6 +44,7 @@ fn main() -> anyhow::Result<ExitCode> {
         write::run(&args)?;
     }
     // What was needed to record does not count.
-    let status = Command::new(std::env::current_exe()?).args(std::env::args_os().skip(1)).arg("--measure").status()?;
+    let status =
+        Command::new(std::env::current_exe()?).args(std::env::args_os().skip(1)).arg("--measure").status()?;
     Ok(if status.success() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

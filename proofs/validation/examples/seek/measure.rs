@@ -94,7 +94,8 @@ fn follow(player: &mut Player) -> anyhow::Result<usize> {
     player.play(|made| {
         match made {
             Made::Frame(turn, frame) => {
-                let bodies = |frame: &protocol::poses::TrackerFrame| bytemuck::bytes_of(&frame.bodies).to_vec();
+                let bodies =
+                    |frame: &protocol::poses::TrackerFrame| bytemuck::bytes_of(&frame.bodies).to_vec();
                 ensure!(turn.determined, "frame {} is not determined: {:?}", frame.frame, turn.lost);
                 ensure!(bodies(frame) == bodies(&turn.recorded), "frame {} has other poses", frame.frame);
             }

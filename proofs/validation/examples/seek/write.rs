@@ -1,176 +1,20 @@
-//! A scene through cameras, tracker and simulation, recorded as a live run records it.
+//! The recording that is measured.
 
 use super::Args;
-use anyhow::Context;
 use outputs::Outputs;
-use protocol::checkpoints::{CheckpointTimes, TrackerCheckpointHeader};
-use protocol::handles::HandleState;
-use protocol::limits::{FIELD_PERIOD_NS, INSTRUMENTS};
-use protocol::poses::TrackerFrame;
-use protocol::steps::{STATE_HASH_VERSION, StepInput, StepRecord};
-use recording::{Item, Provenance, STATE_HASH, TRACKER, TRACKER_VERSION, Writer};
-use replay::perception::WorldPerception;
-use replay::timeline::saving;
-use rig::Rig;
-use scene::SceneFile;
-use scene::module::Module;
-use simcore::world::{World, no_clock};
-use surgeon::motion::MotionSource;
-use surgeon::skill;
-use tracker::assembler::{ClosedFrame, FrameAssembler};
-use tracker::tracker::{Tracker, close, stamp};
-use validation::camera_twin::CameraTwin;
-use virtual_rig::cameras::Path;
+use protocol::limits::FIELD_PERIOD_NS;
+use validation::live_recording::Live;
 
-/// Exposure of the first field, ns.
-const FIRST_NS: u64 = 1_000_000_000;
-/// From the newest field of a frame to its poses, and from there to its step, ns.
-const TRACKED_AFTER_NS: u64 = 150_000;
-const STEPPED_AFTER_NS: u64 = 300_000;
-
-/// Writes the recording.
+/// Writes it.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let scene = scene(args)?;
-    let rig = Rig::load_or_shipped(None).context("the shipped rig")?;
-    let mut outputs = Outputs::new(args.force);
-    let mut output = outputs.grow(&args.file)?;
-    let writer = Writer::on(output.handle()?, output.path(), &provenance(args, &rig, &scene))?;
+    let mut output = Outputs::new(args.force).grow(&args.file)?;
     let fields = args.minutes * 60_000_000_000 / FIELD_PERIOD_NS;
     let style = indicatif::ProgressStyle::with_template("{msg} {bar:40} minute {pos}/{len} {eta}")?;
     let bar = indicatif::ProgressBar::new(args.minutes).with_style(style).with_message("recording");
-    let mut run = Run::new(&rig, &scene, args.seed, writer)?;
-    for number in 0..fields {
-        run.field(number)?;
-        bar.set_position(number * args.minutes / fields);
-    }
-    run.writer.finish()?;
+    let live = Live { scene: &args.scene, fields, seed: args.seed };
+    live.record(output.handle()?, output.path(), |number| bar.set_position(number * args.minutes / fields))?;
     output.appear()?;
     bar.finish_and_clear();
     println!("{}: {fields} fields, {} MB", args.file.display(), args.file.metadata()?.len() / 1_000_000);
     Ok(())
-}
-
-fn scene(args: &Args) -> anyhow::Result<SceneFile> {
-    let Some(name) = args.scene.strip_prefix("module ") else { return Ok(SceneFile::load(&args.scene)?) };
-    let skill = skill::named("average").context("a shipped skill")?;
-    Ok(surgeon::compose(&Module::load(name)?, 1, &skill, args.seed)?)
-}
-
-fn provenance(args: &Args, rig: &Rig, scene: &SceneFile) -> Provenance {
-    let versions = [(TRACKER, TRACKER_VERSION), (STATE_HASH, STATE_HASH_VERSION)];
-    Provenance {
-        rig_json: rig.to_json(),
-        scene_name: args.scene.clone(),
-        scene_toml: scene.to_toml(),
-        versions: versions.map(|(name, version)| (name.to_owned(), version.to_string())).into(),
-        ..Provenance::default()
-    }
-}
-
-/// A live run in one process, and its recording.
-struct Run {
-    cameras: CameraTwin,
-    surgeon: MotionSource,
-    assembler: FrameAssembler,
-    tracker: Tracker,
-    world: World,
-    writer: Writer,
-    /// When checkpoints of tracker and simulation are due.
-    times: CheckpointTimes,
-    /// Inputs that no step has consumed.
-    handles: Vec<HandleState>,
-}
-
-impl Run {
-    fn new(rig: &Rig, scene: &SceneFile, seed: u64, writer: Writer) -> anyhow::Result<Self> {
-        Ok(Run {
-            cameras: CameraTwin::new(rig, Path::Direct, seed, FIRST_NS),
-            surgeon: MotionSource::new(scene, rig, None, seed),
-            assembler: FrameAssembler::new(rig),
-            tracker: Tracker::new(rig),
-            world: World::new(scene)?.unseen(),
-            writer,
-            times: CheckpointTimes::default(),
-            handles: Vec::new(),
-        })
-    }
-
-    /// The next field of every camera, and what comes of it.
-    fn field(&mut self, number: u64) -> anyhow::Result<()> {
-        let exposed_ns = number * FIELD_PERIOD_NS;
-        let motion = self.surgeon.at(exposed_ns);
-        for i in 0..INSTRUMENTS {
-            let handle = HandleState {
-                seq: number * INSTRUMENTS as u64 + i as u64,
-                field: number,
-                instant_ns: FIRST_NS + exposed_ns,
-                instrument: i as u32,
-                tool: motion.tool[i] as u32,
-                jaw_rad: motion.jaw_rad[i],
-            };
-            self.put(FIRST_NS + exposed_ns, &Item::Handle(handle))?;
-            self.handles.push(handle);
-        }
-        let (mut closed, mut now_ns) = (Vec::new(), 0);
-        for camera in 0..self.cameras.count() {
-            let field = self.cameras.blobs(camera, &mut self.surgeon, number);
-            now_ns = field.blobs_out_ns.max(now_ns);
-            self.put(now_ns, &Item::Blobs(Box::new(field)))?;
-            let tracker = &mut self.tracker;
-            self.assembler.add(&field, now_ns, |used, how| closed.push(track(tracker, used, &how, now_ns)));
-            for frame in closed.drain(..) {
-                self.step(frame)?;
-            }
-        }
-        if self.surgeon.perceives_now(exposed_ns) {
-            self.surgeon.see(exposed_ns, &WorldPerception(&self.world));
-        }
-        Ok(())
-    }
-
-    /// Makes the step of a frame.
-    fn step(&mut self, frame: TrackerFrame) -> anyhow::Result<()> {
-        let tracked_ns = frame.instants.tracked;
-        self.put(tracked_ns, &Item::Poses(Box::new(frame)))?;
-        let handles = std::mem::take(&mut self.handles);
-        let input = StepInput { frame: &frame, handles: &handles, pedals: &[] };
-        let report = self.world.step(&input, &mut no_clock);
-        let mut record: StepRecord = bytemuck::Zeroable::zeroed();
-        let state = self.world.state();
-        (record.step, record.field, record.frame) = (state.step, frame.field, frame.frame);
-        record.instants = frame.instants;
-        record.instants.stepped = tracked_ns + STEPPED_AFTER_NS;
-        (record.handles_below, record.pedals_below) = (state.handles_below, state.pedals_below);
-        (record.advanced_ns, record.state_hash) = (report.advanced_ns, report.state_hash);
-        let at = record.instants.stepped;
-        self.put(at, &Item::Step(record))?;
-        for event in self.world.events().to_vec() {
-            self.put(at, &Item::Event(event))?;
-        }
-        if self.times.after_frame(frame.instants.exposed) {
-            let (number, field, exposed_ns) = (frame.frame, frame.field, frame.instants.exposed);
-            let header = TrackerCheckpointHeader { frame: number, field, exposed_ns, bytes: 0 };
-            self.put(at, &saving::of_tracker(header, &self.tracker)?)?;
-            self.put(at, &saving::of_world(&self.world)?)?;
-        }
-        Ok(())
-    }
-
-    fn put(&mut self, at: u64, item: &Item) -> anyhow::Result<()> {
-        self.writer.write(at, item)?;
-        Ok(self.writer.flush_aged(at)?)
-    }
-}
-
-fn track(
-    tracker: &mut Tracker,
-    used: &[protocol::blobs::BlobField],
-    how: &ClosedFrame,
-    now_ns: u64,
-) -> TrackerFrame {
-    let mut frame = tracker.track(used, &how.reference);
-    close(&mut frame, how.closed_by);
-    stamp(&mut frame, used, how.taken_ns);
-    frame.instants.tracked = now_ns + TRACKED_AFTER_NS;
-    frame
 }
