@@ -102,18 +102,11 @@ impl Recording {
     /// Those of the operating system. What is damaged is left out, and met again by whoever reads there.
     pub fn chunk_index(&self) -> Result<ChunkIndex, RecordingError> {
         let mut index = ChunkIndex { chunks: Vec::new(), topics: Arc::default(), from_summary: true };
-        if let Some(summary) = self.summary()?
-            && read_summary(&summary, &mut index).is_some()
-        {
-            index.chunks.sort_by_key(|chunk| chunk.offset);
-            let mut newest = 0;
-            for chunk in &mut index.chunks {
-                newest = chunk.newest_ns.max(newest);
-                chunk.newest_ns = newest;
-            }
-            return Ok(index);
+        let summary = self.summary()?;
+        match summary.and_then(|summary| read_summary(&summary, &mut index)) {
+            Some(()) => Ok(index),
+            None => self.scan(),
         }
-        self.scan()
     }
 
     /// All items from a place on.
@@ -230,7 +223,8 @@ impl Recording {
     }
 }
 
-/// Reads chunks and channels from a summary; `None` where it does not list every chunk.
+/// Reads chunks and channels from a summary; `None` where it does not list every chunk once, in the order of
+/// the file.
 fn read_summary(summary: &[u8], index: &mut ChunkIndex) -> Option<()> {
     let mut listed = None;
     let mut chunks = Vec::new();
@@ -259,6 +253,9 @@ fn read_summary(summary: &[u8], index: &mut ChunkIndex) -> Option<()> {
         let map_bytes = u32::from_le_bytes(body.get(32..36)?.try_into().ok()?) as usize;
         let map = body.get(36..)?.get(..map_bytes)?.chunks_exact(10);
         let topics = map.fold(0, |bits, entry| bits | index.bit(u16::from_le_bytes([entry[0], entry[1]])));
+        if index.chunks.last().is_some_and(|before| before.offset >= offset) {
+            return None;
+        }
         index.push(offset, newest_ns, topics);
     }
     Some(())

@@ -18,6 +18,7 @@ pub mod camera_twin;
 pub mod closed_form;
 pub mod compiled;
 pub mod exact;
+pub mod live_recording;
 pub mod moments;
 pub mod pipeline;
 pub mod rays;

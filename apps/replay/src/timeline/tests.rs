@@ -246,9 +246,9 @@ proptest! {
     ) {
         let folder = tempfile::tempdir().unwrap();
         let kept = |i: usize, item: &Item| {
-            !(from..from + length).contains(&i)
-                // A tracker that was gone for a while.
-                && !(restart && matches!(item, Item::Poses(frame) if (30..38).contains(&frame.frame)))
+            // A tracker that was gone for a while.
+            let gone = restart && matches!(item, Item::Poses(frame) if (30..38).contains(&frame.frame));
+            !gone && !(from..from + length).contains(&i)
         };
         let path = copy(folder.path(), every, late, kept).path().to_owned();
         let mut bytes = std::fs::read(&path).unwrap();
