@@ -150,7 +150,7 @@ impl Replay<'_> {
     /// Takes what came of a recorded run.
     fn take(&mut self, made: Made<'_>) -> anyhow::Result<ControlFlow<()>> {
         match made {
-            Made::Frame(turn, frame) => {
+            Made::Frame(turn, frame, matches) => {
                 let part = self.pace.part(turn.recorded.instants.exposed);
                 if part == Part::After {
                     return Ok(ControlFlow::Break(()));
@@ -161,7 +161,7 @@ impl Replay<'_> {
                     self.pace.await_due(turn.recorded.instants.tracked)?;
                 }
                 turn.fields.iter().try_for_each(|field| self.products.field(field, shown))?;
-                self.products.frame(frame, shown)?;
+                self.products.frame(frame, matches, shown)?;
                 if let (Some(why), None) = (&turn.lost, &self.products.figures.lost) {
                     self.products.figures.lost = Some(format!("field {}: {why}", turn.recorded.field));
                 }
@@ -199,8 +199,9 @@ impl Replay<'_> {
                     }
                     products.field(field, part == Part::Shown)?;
                 }
-                Streamed::Frame(frame, state_hash) => {
-                    products.frame(frame, pace.part(frame.instants.exposed) == Part::Shown)?;
+                Streamed::Frame(frame, matches, state_hash) => {
+                    let shown = pace.part(frame.instants.exposed) == Part::Shown;
+                    products.frame(frame, Some(matches), shown)?;
                     products.step(state_hash);
                 }
             }
@@ -232,6 +233,7 @@ fn print(figures: &Figures) {
             "{fields_refused} camera-fields refused by the tracker (twice, out of order, unknown camera)"
         );
     }
+    figures.tracking.lines.iter().for_each(|line| println!("{line}"));
     if let Some(verdict) = &figures.verify {
         println!("{}", verdict.text());
         if !verdict.reasons.is_empty() {

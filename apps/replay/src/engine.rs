@@ -8,6 +8,7 @@
 use crate::frames::{FrameTurn, Frames};
 use crate::steps::{StepAgain, Steps};
 use protocol::blobs::BlobField;
+use protocol::matches::MatchFrame;
 use protocol::message::Message;
 use protocol::poses::{ClosedBy, TrackerFrame};
 use protocol::steps::StepInput;
@@ -24,8 +25,9 @@ use tracker::{Reference, Tracker};
 
 /// What comes of a recording, in the order in which it comes about.
 pub enum Made<'a> {
-    /// A recorded frame, and what the tracker makes of its fields.
-    Frame(&'a FrameTurn, &'a TrackerFrame),
+    /// A recorded frame, what the tracker makes of its fields, and what became of their blobs; nothing of a
+    /// desk's.
+    Frame(&'a FrameTurn, &'a TrackerFrame, Option<&'a MatchFrame>),
     /// A step.
     Step(&'a StepAgain<'a>),
 }
@@ -103,16 +105,15 @@ impl Recorded {
         while flow.is_continue()
             && let Some(mut turn) = self.frames.next_turn()
         {
-            let made = match &mut self.tracker {
+            flow = match &mut self.tracker {
                 Some((tracker, told)) => {
                     go_on_over_a_gap(tracker, &mut turn, &mut self.frames);
                     let made = track(tracker, &turn);
                     told.tell(tracker);
-                    &{ made }
+                    visit(Made::Frame(&turn, &made, Some(tracker.matches())))?
                 }
-                None => &*turn.recorded,
+                None => visit(Made::Frame(&turn, &turn.recorded, None))?,
             };
-            flow = visit(Made::Frame(&turn, made))?;
         }
         while let Some(again) = self.steps.next_step() {
             if visit(Made::Step(&again))?.is_break() {
@@ -148,8 +149,9 @@ fn track(tracker: &mut Tracker, turn: &FrameTurn) -> TrackerFrame {
 pub enum Streamed<'a> {
     /// A camera-field, before the tracker takes it.
     Field(&'a BlobField),
-    /// A frame that the tracker made, and the hash of the state that the simulation made of it.
-    Frame(&'a TrackerFrame, u64),
+    /// A frame that the tracker made, what became of its blobs, and the hash of the state that the simulation
+    /// made of it.
+    Frame(&'a TrackerFrame, &'a MatchFrame, u64),
 }
 
 /// Runs an imported stream to its end, to its first damage, which is returned, or until `visit` has
@@ -177,10 +179,11 @@ pub fn stream(
         if visit(Streamed::Field(&field))?.is_break() {
             break;
         }
-        tracker.push(&field, |frame, used, closed| made.push(finished(frame, used, closed)));
+        tracker
+            .push(&field, |frame, used, closed, m| made.push((finished(frame, used, closed), Box::new(*m))));
         simulate(&mut world, made.drain(..), tracker.refused(), &mut visit)?;
     }
-    tracker.finish(|frame, used, closed| made.push(finished(frame, used, closed)));
+    tracker.finish(|frame, used, closed, m| made.push((finished(frame, used, closed), Box::new(*m))));
     simulate(&mut world, made.drain(..), tracker.refused(), &mut visit)?;
     Ok(damage)
 }
@@ -195,11 +198,11 @@ fn finished(mut frame: TrackerFrame, used: &[BlobField], closed: &ClosedFrame) -
 /// Makes a step of each frame. Without handles and pedal.
 fn simulate(
     world: &mut World,
-    frames: impl Iterator<Item = TrackerFrame>,
+    frames: impl Iterator<Item = (TrackerFrame, Box<MatchFrame>)>,
     refused: u32,
     visit: &mut impl FnMut(Streamed<'_>) -> anyhow::Result<ControlFlow<()>>,
 ) -> anyhow::Result<()> {
-    for mut frame in frames {
+    for (mut frame, matches) in frames {
         frame.fields_refused = refused;
         if let Err(invalid) = frame.validate() {
             tracing::error!(field = frame.field, "frame withheld: {invalid}");
@@ -207,7 +210,7 @@ fn simulate(
         }
         let input = StepInput { frame: &frame, handles: &[], pedals: &[] };
         let report = world.step(&input, &mut no_clock);
-        let _ = visit(Streamed::Frame(&frame, report.state_hash))?;
+        let _ = visit(Streamed::Frame(&frame, &matches, report.state_hash))?;
     }
     Ok(())
 }

@@ -7,6 +7,7 @@ use diagnosis::{Due, Tracking, TrackingFigures, Warning, Watch};
 use outputs::OutputFile;
 use protocol::blobs::BlobField;
 use protocol::limits::FIELD_PERIOD_NS;
+use protocol::matches::MatchFrame;
 use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
 use rig::Rig;
@@ -136,11 +137,16 @@ impl Products {
         Ok(())
     }
 
-    /// The tracker made a frame.
+    /// The tracker made a frame, and matched blobs in it.
     ///
     /// # Errors
     /// Where it cannot be written.
-    pub fn frame(&mut self, frame: &TrackerFrame, shown: bool) -> anyhow::Result<()> {
+    pub fn frame(
+        &mut self,
+        frame: &TrackerFrame,
+        matches: Option<&MatchFrame>,
+        shown: bool,
+    ) -> anyhow::Result<()> {
         self.figures.frames += 1;
         self.figures.fields_refused = u64::from(frame.fields_refused);
         let exposed = frame.instants.exposed;
@@ -149,6 +155,7 @@ impl Products {
         if self.figures.desk {
             return Ok(());
         }
+        matches.into_iter().for_each(|m| self.tracking.note_matches(m));
         if self.tracking.note_frame(frame) {
             let at_s = exposed.saturating_sub(start.min(exposed)) as f64 * 1e-9;
             self.watch.note(at_s, self.tracking.findings());
