@@ -39,6 +39,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "simcore",
             "tracker",
             "diagnosis",
+            "font",
             "renderer",
             "results",
         ],

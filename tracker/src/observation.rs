@@ -39,6 +39,8 @@ pub struct FieldObservation {
     pub count: usize,
     /// Set of the blobs assigned to a body.
     pub assigned: u64,
+    /// Index of each valid blob in the message; only of the field that was taken over last.
+    pub source: [u8; MAX_BLOBS],
 }
 
 /// A 64-bit mask holds every blob of a field.
@@ -55,7 +57,14 @@ impl FieldObservation {
             colour: 0,
             flags: 0,
         };
-        FieldObservation { camera, exposed_ns: 0, blobs: [none; MAX_BLOBS], count: 0, assigned: 0 }
+        FieldObservation {
+            camera,
+            exposed_ns: 0,
+            blobs: [none; MAX_BLOBS],
+            count: 0,
+            assigned: 0,
+            source: [0; MAX_BLOBS],
+        }
     }
 
     /// Takes over the blobs of a field. Returns how many were ignored: not finite, without size, or
@@ -64,9 +73,10 @@ impl FieldObservation {
         self.exposed_ns = field.exposed_ns;
         self.count = 0;
         self.assigned = 0;
-        for blob in field.blobs() {
+        for (index, blob) in field.blobs().iter().enumerate() {
             if let Some(seen) = observe_blob(blob, field, camera) {
                 self.blobs[self.count] = seen;
+                self.source[self.count] = index as u8;
                 self.count += 1;
             }
         }
@@ -75,7 +85,7 @@ impl FieldObservation {
 
     /// Writes the valid blobs.
     pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
-        let FieldObservation { camera: _, exposed_ns, blobs: _, count, assigned } = self;
+        let FieldObservation { camera: _, exposed_ns, blobs: _, count, assigned, source: _ } = self;
         out.put(&[*exposed_ns, *assigned, *count as u64])?;
         for BlobObservation { pixel, covariance, area_px, width_px, colour, flags } in self.blobs() {
             out.numbers(pixel.iter().chain(covariance).chain([area_px, width_px]))?;
@@ -101,6 +111,11 @@ impl FieldObservation {
     /// The valid blobs.
     pub fn blobs(&self) -> &[BlobObservation] {
         &self.blobs[..self.count]
+    }
+
+    /// Index of each valid blob in the message, rising.
+    pub fn sources(&self) -> &[u8] {
+        &self.source[..self.count]
     }
 
     /// True if the blob is assigned to no body.

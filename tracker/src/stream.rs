@@ -4,6 +4,7 @@ use crate::assembler::{ClosedFrame, FrameAssembler};
 use crate::report::Report;
 use crate::tracker::Tracker;
 use protocol::blobs::BlobField;
+use protocol::matches::MatchFrame;
 use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
 use rig::Rig;
@@ -24,7 +25,7 @@ impl StreamTracker {
     }
 
     /// Takes the next field, and hands every frame that it closes to `visit`, with the fields that the
-    /// frame used and how it was closed. A refused field is only counted.
+    /// frame used, how it was closed and what became of the blobs. A refused field is only counted.
     pub fn push(&mut self, field: &BlobField, mut visit: impl Visit) {
         self.now_ns = self.now_ns.max(field.blobs_out_ns);
         while let Some(closed) = self.assembler.expired(self.now_ns) {
@@ -57,18 +58,19 @@ impl StreamTracker {
         let used = self.assembler.used();
         let frame = self.tracker.track(used, &closed.reference);
         self.told.tell(&mut self.tracker);
-        visit(frame, used, closed);
+        visit(frame, used, closed, self.tracker.matches());
     }
 }
 
 /// What is done with a frame.
-pub trait Visit: FnMut(TrackerFrame, &[BlobField], &ClosedFrame) {}
-impl<F: FnMut(TrackerFrame, &[BlobField], &ClosedFrame)> Visit for F {}
+pub trait Visit: FnMut(TrackerFrame, &[BlobField], &ClosedFrame, &MatchFrame) {}
+impl<F: FnMut(TrackerFrame, &[BlobField], &ClosedFrame, &MatchFrame)> Visit for F {}
 
 /// Tracks a whole stream and hands every frame with the fields it used to `visit`.
 pub fn track_stream(rig: &Rig, fields: &[BlobField], mut visit: impl FnMut(&TrackerFrame, &[BlobField])) {
     let mut stream = StreamTracker::new(rig);
-    let mut visit = |frame: TrackerFrame, used: &[BlobField], _: &ClosedFrame| visit(&frame, used);
+    let mut visit =
+        |frame: TrackerFrame, used: &[BlobField], _: &ClosedFrame, _: &MatchFrame| visit(&frame, used);
     fields.iter().for_each(|field| stream.push(field, &mut visit));
     stream.finish(visit);
 }

@@ -172,7 +172,7 @@ impl Replay<'_> {
     /// Takes what came of a recorded run.
     fn take(&mut self, made: Made<'_>) -> anyhow::Result<ControlFlow<()>> {
         match made {
-            Made::Frame(turn, frame) => {
+            Made::Frame(turn, frame, matches) => {
                 let part = self.pace.part(turn.recorded.instants.exposed);
                 if part == Part::After {
                     return Ok(ControlFlow::Break(()));
@@ -183,7 +183,7 @@ impl Replay<'_> {
                     self.pace.await_due(turn.recorded.instants.tracked)?;
                 }
                 turn.fields.iter().try_for_each(|field| self.products.field(field, shown))?;
-                self.products.frame(frame, shown)?;
+                self.products.frame(frame, matches, shown)?;
                 if let (Some(why), None) = (&turn.lost, &self.products.figures.lost) {
                     self.products.figures.lost = Some(format!("field {}: {why}", turn.recorded.field));
                 }
@@ -224,9 +224,9 @@ impl Replay<'_> {
                     }
                     products.field(field, part == Part::Shown)?;
                 }
-                Streamed::Frame { frame, world, report, .. } => {
+                Streamed::Frame { frame, matches, world, report, .. } => {
                     let part = pace.part(frame.instants.exposed);
-                    products.frame(frame, part == Part::Shown)?;
+                    products.frame(frame, Some(matches), part == Part::Shown)?;
                     products.step(report.state_hash);
                     if let Some(screen) = screen.as_mut().filter(|_| part != Part::After) {
                         return screen.streamed(frame, world, report.state_hash);
@@ -261,6 +261,7 @@ fn print(figures: &Figures) {
             "{fields_refused} camera-fields refused by the tracker (twice, out of order, unknown camera)"
         );
     }
+    figures.tracking.lines.iter().for_each(|line| println!("{line}"));
     if let Some(verdict) = &figures.verify {
         println!("{}", verdict.text());
         if !verdict.reasons.is_empty() {

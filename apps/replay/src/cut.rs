@@ -45,6 +45,7 @@ impl Part {
         match item {
             Item::Poses(frame) => frame.instants.exposed <= last && after(frame.frame, 1) && logged,
             Item::Step(step) => step.instants.exposed <= last && after(step.step, 0) && logged,
+            Item::Matches(matches) => after(matches.frame, 1) && matches.exposed_ns <= last && logged,
             Item::Event(event) => (first..=last).contains(&event.exposed_ns),
             Item::Blobs(field) => field.exposed_ns <= last + OUT_OF_STEP_NS && logged,
             Item::Frame(frame) => (first..=last).contains(&frame.instants.exposed),
@@ -210,7 +211,7 @@ mod tests {
         let (mut states, mut poses) = (Vec::new(), Vec::new());
         run.run(|made| {
             match made {
-                Made::Frame(turn, frame) => {
+                Made::Frame(turn, frame, _) => {
                     assert!(turn.determined && turn.lost.is_none(), "{:?}", turn.lost);
                     assert_eq!(bytemuck::bytes_of(&turn.recorded.bodies), bytemuck::bytes_of(&frame.bodies));
                     poses.push((frame.frame, *frame));

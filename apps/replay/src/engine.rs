@@ -9,6 +9,7 @@ use crate::frames::{FrameTurn, Frames};
 use crate::steps::{SavedState, StepAgain, Steps};
 use protocol::blobs::BlobField;
 use protocol::checkpoints::TrackerCheckpointHeader;
+use protocol::matches::MatchFrame;
 use protocol::message::Message;
 use protocol::poses::{ClosedBy, TrackerFrame};
 use protocol::steps::StepInput;
@@ -26,8 +27,9 @@ use tracker::{Reference, Tracker};
 
 /// What comes of a recording, in the order in which it comes about.
 pub enum Made<'a> {
-    /// A recorded frame, and what the tracker makes of its fields.
-    Frame(&'a FrameTurn, &'a TrackerFrame),
+    /// A recorded frame, what the tracker makes of its fields, and what became of their blobs; nothing of a
+    /// desk's.
+    Frame(&'a FrameTurn, &'a TrackerFrame, Option<&'a MatchFrame>),
     /// A step.
     Step(&'a StepAgain<'a>),
 }
@@ -160,7 +162,8 @@ impl Recorded {
                 continue;
             }
             let made = self.track(&mut turn);
-            flow = visit(Made::Frame(&turn, made.as_ref().unwrap_or(&turn.recorded)))?;
+            let matches = self.tracker.as_ref().map(|(tracker, _)| tracker.matches());
+            flow = visit(Made::Frame(&turn, made.as_ref().unwrap_or(&turn.recorded), matches))?;
         }
         while let Some(mut again) = self.steps.next_step() {
             let of_step = |made: &&Arc<TrackerFrame>| made.frame == again.poses.frame;
@@ -214,6 +217,8 @@ pub enum Streamed<'a> {
     Frame {
         /// The frame.
         frame: &'a TrackerFrame,
+        /// What became of its blobs.
+        matches: &'a MatchFrame,
         /// The tracker behind it; `None` where it has made further ones already.
         tracker: Option<&'a Tracker>,
         /// The world behind the step.
@@ -249,12 +254,13 @@ pub fn stream(
         if visit(Streamed::Field(&field, items.bytes_read()))?.is_break() {
             break;
         }
-        tracker.push(&field, |frame, used, closed| made.push(finished(frame, used, closed)));
+        tracker
+            .push(&field, |frame, used, closed, m| made.push((finished(frame, used, closed), Box::new(*m))));
         if simulate(&mut world, made.drain(..), &tracker, &mut visit)?.is_break() {
             return Ok(None);
         }
     }
-    tracker.finish(|frame, used, closed| made.push(finished(frame, used, closed)));
+    tracker.finish(|frame, used, closed, m| made.push((finished(frame, used, closed), Box::new(*m))));
     let _ = simulate(&mut world, made.drain(..), &tracker, &mut visit)?;
     Ok(damage)
 }
@@ -269,12 +275,12 @@ fn finished(mut frame: TrackerFrame, used: &[BlobField], closed: &ClosedFrame) -
 /// Makes a step of each frame. Without handles and pedal.
 fn simulate(
     world: &mut World,
-    frames: impl ExactSizeIterator<Item = TrackerFrame>,
+    frames: impl ExactSizeIterator<Item = (TrackerFrame, Box<MatchFrame>)>,
     tracker: &StreamTracker,
     visit: &mut impl FnMut(Streamed<'_>) -> anyhow::Result<ControlFlow<()>>,
 ) -> anyhow::Result<ControlFlow<()>> {
     let newest = frames.len().saturating_sub(1);
-    for (i, mut frame) in frames.enumerate() {
+    for (i, (mut frame, matches)) in frames.enumerate() {
         frame.fields_refused = tracker.refused();
         if let Err(invalid) = frame.validate() {
             tracing::error!(field = frame.field, "frame withheld: {invalid}");
@@ -283,7 +289,7 @@ fn simulate(
         let input = StepInput { frame: &frame, handles: &[], pedals: &[] };
         let report = world.step(&input, &mut no_clock);
         let tracker = (i == newest).then(|| tracker.tracker());
-        if visit(Streamed::Frame { frame: &frame, tracker, world, report })?.is_break() {
+        if visit(Streamed::Frame { frame: &frame, matches: &matches, tracker, world, report })?.is_break() {
             return Ok(ControlFlow::Break(()));
         }
     }

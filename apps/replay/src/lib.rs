@@ -3,6 +3,8 @@
 //! trainees achieved in them ([`results`]). A scene's script is played by a surgeon who sees the
 //! simulated eye ([`perception`]).
 //!
+//! What the tracker made of blobs is printed and drawn by [`residuals`] and [`inspect`], from [`matched`].
+//!
 //! [`frames`] knows which camera-fields a frame consumed, [`steps`] does steps from what each consumed;
 //! both take the items of a recording as they come.
 
@@ -17,12 +19,16 @@ pub mod film;
 pub mod frames;
 pub mod import;
 pub mod info;
+pub mod inspect;
 pub mod interactive;
+pub mod matched;
 pub mod merge;
 pub mod pace;
 pub mod perception;
+pub mod plot;
 pub mod recover;
 pub mod report;
+pub mod residuals;
 pub mod resimulate;
 pub mod results;
 pub mod score;

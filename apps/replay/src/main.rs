@@ -44,6 +44,8 @@ fn run(command: &RecordingCommand) -> anyhow::Result<ExitCode> {
         RecordingCommand::Info(args) => replay::info::run(args),
         RecordingCommand::Check(args) => replay::check::run(args),
         RecordingCommand::Trace(args) => replay::trace::run(args),
+        RecordingCommand::Residuals(args) => replay::residuals::run(args),
+        RecordingCommand::Inspect(args) => replay::inspect::run(args),
         RecordingCommand::Film(args) => replay::film::run(args),
         RecordingCommand::Score(args) => replay::score::run(args),
         RecordingCommand::Suite(args) => replay::suite::run(args),

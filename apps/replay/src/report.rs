@@ -8,6 +8,7 @@ use diagnosis::{Due, Tracking, TrackingFigures, Warning, Watch};
 use outputs::{OutputFile, Outputs};
 use protocol::blobs::BlobField;
 use protocol::limits::FIELD_PERIOD_NS;
+use protocol::matches::MatchFrame;
 use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
 use rig::Rig;
@@ -143,17 +144,26 @@ impl Products {
         Ok(())
     }
 
-    /// The tracker made a frame.
+    /// The tracker made a frame, and matched blobs in it.
     ///
     /// # Errors
     /// Where it cannot be written.
-    pub fn frame(&mut self, frame: &TrackerFrame, shown: bool) -> anyhow::Result<()> {
+    pub fn frame(
+        &mut self,
+        frame: &TrackerFrame,
+        matches: Option<&MatchFrame>,
+        shown: bool,
+    ) -> anyhow::Result<()> {
         self.figures.frames += 1;
         self.figures.fields_refused = u64::from(frame.fields_refused);
         let exposed = frame.instants.exposed;
         let [start, end] = self.span.unwrap_or([exposed; 2]);
         self.span = Some([start.min(exposed), end.max(exposed)]);
-        if !self.figures.desk && self.tracking.note_frame(frame) {
+        let tracked = !self.figures.desk && {
+            matches.into_iter().for_each(|m| self.tracking.note_matches(m));
+            self.tracking.note_frame(frame)
+        };
+        if tracked {
             let at_s = exposed.saturating_sub(start.min(exposed)) as f64 * 1e-9;
             self.watch.note(at_s, self.tracking.findings());
         }

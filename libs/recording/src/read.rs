@@ -102,7 +102,7 @@ impl Recording {
     /// As [`Recording::items`], of these topics only. The rest is not decoded, which is most of the
     /// work.
     pub fn items_of(&self, topics: &[&'static str]) -> Items {
-        Items::open(&self.path, topics)
+        Items::open(&self.path, topics, self.provenance.realtime_offset_ns())
     }
 
     /// Instants of exposure of what is replayed: those of the tracker's frames, or of the

@@ -10,11 +10,13 @@ mod film;
 mod fundus;
 mod import;
 mod info;
+mod inspect;
 mod merge;
 pub mod numbers;
 pub mod processes;
 mod recover;
 mod replay;
+mod residuals;
 mod results;
 mod score;
 mod span;
@@ -30,9 +32,11 @@ pub use film::FilmArgs;
 pub use fundus::{FundusArgs, FundusEye};
 pub use import::ImportArgs;
 pub use info::InfoArgs;
+pub use inspect::InspectArgs;
 pub use merge::MergeArgs;
 pub use recover::RecoverArgs;
 pub use replay::ReplayArgs;
+pub use residuals::ResidualsArgs;
 pub use results::{ResultsArgs, ResultsCommand, StoreArgs, TERMINAL};
 pub use score::{BatchArgs, ScoreArgs};
 pub use span::SpanArgs;
@@ -60,6 +64,10 @@ pub enum RecordingCommand {
     Check(CheckArgs),
     /// Show the way of one field through all instants.
     Trace(TraceArgs),
+    /// Print how far blobs lie from the fitted markers, by camera and marker.
+    Residuals(ResidualsArgs),
+    /// Draw what the cameras saw of a field and what the tracker made of it, or residuals over time.
+    Inspect(InspectArgs),
     /// Make a film of a module as a scripted surgeon does it, or of a recording as it was.
     Film(FilmArgs),
     /// Score recorded attempts at a module.

@@ -39,6 +39,7 @@ impl Tracker {
     pub(crate) fn take_over(&mut self, mut other: Tracker) {
         std::mem::swap(&mut self.associator, &mut other.associator);
         std::mem::swap(&mut self.acquisition, &mut other.acquisition);
+        std::mem::swap(&mut self.matches, &mut other.matches);
         *self = other;
     }
 
@@ -49,7 +50,7 @@ impl Tracker {
     /// Writes all but what a frame begins with anew.
     pub(crate) fn save_state(&self, out: &mut Saver<'_>) -> Done {
         let Tracker { rig, fingerprint: _, drift, watch, without_eye, tracks, fields, .. } = self;
-        let Tracker { area_scales, associator: _, acquisition: _, last_ns, frame, .. } = self;
+        let Tracker { area_scales, associator: _, acquisition: _, matches: _, last_ns, frame, .. } = self;
         let Tracker { cameras_in_frame: _, blobs_refused, .. } = self;
         for count in [u64::from(*without_eye), *last_ns, *frame, *blobs_refused] {
             out.put(&count)?;

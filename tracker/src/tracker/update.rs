@@ -2,10 +2,11 @@
 
 use super::{Group, ORDER, Reference, Tracker};
 use crate::acquisition::AcquisitionInput;
-use crate::associate::{Association, AssociationInput};
+use crate::associate::{Association, AssociationInput, PredictedBody};
 use crate::body_filter::BodyFilter;
 use crate::camera_watch::{BodyUpdate, members};
 use crate::fit::{BlobMatch, PoseFit, PoseProblem, TrocarInWorld, trocar_miss};
+use crate::match_log::UpdateResult;
 use crate::observation::FieldObservation;
 use crate::pose_math::{Matrix6, exp};
 use crate::rig_model::RigModel;
@@ -265,6 +266,32 @@ impl Tracker {
         Some(fit)
     }
 
+    /// Every tracked body as predicted at its filter's instant.
+    pub(super) fn predictions(&self) -> [Option<PredictedBody>; BODIES] {
+        std::array::from_fn(|body| self.tracks[body].predicted())
+    }
+
+    /// Records what became of the blobs of an update: of the cameras of the first group, which are not left
+    /// out, those of the second were tracked.
+    pub(super) fn note_matches(
+        &mut self,
+        fields: &[BlobField],
+        [admitted, tracked]: [Group; 2],
+        prior: &[Option<PredictedBody>; BODIES],
+        estimate: &Estimate,
+        accepted: &Fits,
+    ) {
+        let result = UpdateResult {
+            input: tracked.input(&self.rig, &self.fields, &self.area_scales),
+            admitted: admitted.cameras,
+            prior,
+            association: &estimate.association,
+            fits: &estimate.fits,
+            accepted: accepted.each_ref().map(Option::is_some),
+        };
+        self.matches.note(fields, &result);
+    }
+
     /// Where the trocar of a body is now, by the newest rotation of the eye.
     fn trocar(&self, body: usize, fits: &Fits) -> Option<TrocarInWorld> {
         let trocar = self.rig.bodies[body].trocar?;
@@ -332,6 +359,7 @@ impl Tracker {
         let matches = &self.acquisition.matches;
         let cameras = self.cameras_in_frame;
         self.tracks[body].initiate(fit, &self.rig.bodies[body], matches, group.time_ns, cameras, pivot);
+        self.matches.note_found(&self.rig, &self.fields[..], body, &fit.pose, matches);
         for m in matches.iter().filter(|m| !m.outlier) {
             self.fields[m.camera].assign(m.blob);
         }

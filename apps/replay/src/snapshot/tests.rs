@@ -43,7 +43,7 @@ fn go_on(run: &mut Recorded, steps: usize) -> Told {
     let (mut told, mut left) = (Told::default(), steps);
     let stopped = run.run(|made| {
         told.made.push(match made {
-            Made::Frame(turn, frame) => {
+            Made::Frame(turn, frame, _) => {
                 let mut bytes = bytemuck::bytes_of(frame).to_vec();
                 bytes.extend(format!("{} {:?}", turn.determined, turn.lost).bytes());
                 bytes

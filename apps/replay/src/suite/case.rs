@@ -131,7 +131,7 @@ fn again(
     let mut run = Recorded::new(recording, rig, world);
     run.run(|made| {
         match made {
-            Made::Frame(turn, frame) => {
+            Made::Frame(turn, frame, _) => {
                 turn.fields.iter().for_each(|field| tracking.note_field(field));
                 let _ = tracking.note_frame(frame);
                 if turn.determined {
