@@ -8,6 +8,7 @@
 
 pub mod blocks;
 pub mod command;
+pub mod diff;
 pub mod engine;
 pub mod exit;
 pub mod export;

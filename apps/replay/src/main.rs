@@ -41,6 +41,7 @@ fn run(command: &RecordingCommand) -> anyhow::Result<ExitCode> {
         RecordingCommand::Recover(args) => replay::recover::run(args),
         RecordingCommand::Info(args) => replay::info::run(args),
         RecordingCommand::Trace(args) => replay::trace::run(args),
+        RecordingCommand::Diff(args) => replay::diff::run(args),
         RecordingCommand::Film(args) => replay::film::run(args),
         RecordingCommand::Score(args) => replay::score::run(args),
         RecordingCommand::Results(args) => replay::results::run(args),

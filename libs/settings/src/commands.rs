@@ -2,6 +2,7 @@
 //! that does the work takes them again.
 
 pub mod arrangement;
+mod diff;
 mod export;
 mod film;
 mod fundus;
@@ -17,6 +18,7 @@ mod span;
 mod trace;
 
 pub use arrangement::Arrangement;
+pub use diff::DiffArgs;
 pub use export::{ExportArgs, TABLES, What};
 pub use film::FilmArgs;
 pub use fundus::{FundusArgs, FundusEye};
@@ -44,6 +46,8 @@ pub enum RecordingCommand {
     Info(InfoArgs),
     /// Show the way of one field through all instants.
     Trace(TraceArgs),
+    /// Compare two recordings, and name the cause of what differs.
+    Diff(DiffArgs),
     /// Make a film of a module as a scripted surgeon does it, or of a recording as it was.
     Film(FilmArgs),
     /// Score recorded attempts at a module.
