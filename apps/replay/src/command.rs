@@ -7,6 +7,7 @@ use crate::report::{Figures, Products};
 use crate::resimulate::scene_of;
 use crate::stop::StopSignal;
 use crate::verify::Verdict;
+use crate::what_if;
 use anyhow::{Context, bail};
 use collision::backend::Backend;
 use diagnosis::untracked;
@@ -28,6 +29,9 @@ use std::time::Instant;
 /// # Errors
 /// Where the recording cannot be read or replayed, or a file cannot be written.
 pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
+    if what_if::is_wanted(&args.what_if) {
+        return what_if::run(args);
+    }
     let recording = Recording::open(&args.file)?;
     let desk = recording.provenance().config.contains_key(recording::DESK);
     check(args, &recording, desk)?;

@@ -6,7 +6,7 @@
 //! - [`causes`]: the catalogue of causes; `from_provenance` reads them from rig, scene and settings,
 //!   `from_inputs` from presence, stamps and blobs ([`blobs`] matches them, [`models`] says what each cause
 //!   does to them)
-//! - [`comparison`]: all of it together; `text`: for people
+//! - [`comparison`]: all of it together; `text` and [`page`]: for people
 
 pub mod blobs;
 pub mod causes;
@@ -17,12 +17,14 @@ mod from_provenance;
 pub mod inputs;
 pub mod models;
 pub mod outcome;
+pub mod page;
 pub mod poses;
 pub mod provenance;
 pub mod side;
 pub mod spectrum;
 mod text;
 
+use crate::plot::{Format, bytes};
 use anyhow::Context;
 use comparison::Comparison;
 use ipc::logging::warn;
@@ -50,6 +52,12 @@ pub fn run(args: &DiffArgs) -> anyhow::Result<ExitCode> {
     }
     if args.json.as_deref() != Some(Path::new(STDOUT)) {
         print!("{}", text::text(&comparison));
+    }
+    if let Some(path) = &args.plot {
+        outputs.write(path, bytes(&page::plot(&comparison), Format::of(path)?)?)?;
+    }
+    if let Some(path) = &args.html {
+        outputs.write(path, page::html(&comparison)?)?;
     }
     if let Some(path) = &args.json {
         outputs.write(path, serde_json::to_string_pretty(&comparison)? + "\n")?;

@@ -7,6 +7,7 @@
 
 use crate::frames::{FrameTurn, Frames};
 use crate::steps::{StepAgain, Steps};
+use crate::what_if::tuning_or_default;
 use protocol::blobs::BlobField;
 use protocol::message::Message;
 use protocol::poses::{ClosedBy, TrackerFrame};
@@ -47,9 +48,10 @@ impl Recorded {
     /// At the beginning of `recording`, in a world at the start of its scene.
     pub fn new(recording: &Recording, rig: &Rig, world: World) -> Self {
         let desk = recording.provenance().config.contains_key(recording::DESK);
+        let tuning = tuning_or_default(recording.provenance());
         Recorded {
             items: recording.items(),
-            tracker: (!desk).then(|| (Tracker::new(rig), Report::default())),
+            tracker: (!desk).then(|| (Tracker::tuned(rig, true, &tuning), Report::default())),
             frames: Frames::new(rig.field_period_ns(), desk),
             steps: Steps::new(world, recording.provenance()),
             damage: None,
@@ -131,7 +133,7 @@ fn go_on_over_a_gap(tracker: &mut Tracker, turn: &mut FrameTurn, frames: &mut Fr
 }
 
 /// What a tracker makes of a recorded frame's fields.
-fn track(tracker: &mut Tracker, turn: &FrameTurn) -> TrackerFrame {
+pub(crate) fn track(tracker: &mut Tracker, turn: &FrameTurn) -> TrackerFrame {
     let recorded = &turn.recorded;
     if recorded.frame == 0 {
         tracker.reset();

@@ -42,6 +42,8 @@ fn run(command: &RecordingCommand) -> anyhow::Result<ExitCode> {
         RecordingCommand::Info(args) => replay::info::run(args),
         RecordingCommand::Trace(args) => replay::trace::run(args),
         RecordingCommand::Diff(args) => replay::diff::run(args),
+        RecordingCommand::Settings(args) => replay::what_if::keys::run(args),
+        RecordingCommand::Sweep(args) => replay::sweep::run(args),
         RecordingCommand::Film(args) => replay::film::run(args),
         RecordingCommand::Score(args) => replay::score::run(args),
         RecordingCommand::Results(args) => replay::results::run(args),

@@ -16,6 +16,7 @@ mod results;
 mod score;
 mod span;
 mod trace;
+mod what_if;
 
 pub use arrangement::Arrangement;
 pub use diff::DiffArgs;
@@ -30,6 +31,7 @@ pub use results::{ResultsArgs, ResultsCommand, StoreArgs, TERMINAL};
 pub use score::{BatchArgs, ScoreArgs};
 pub use span::SpanArgs;
 pub use trace::TraceArgs;
+pub use what_if::{Assignment, Range, SettingsListArgs, SweepArgs, WhatIfArgs};
 
 /// Commands on recordings: `vitreo` declares them, `vitreo-replay` carries them out.
 #[derive(Debug, clap::Subcommand)]
@@ -48,6 +50,10 @@ pub enum RecordingCommand {
     Trace(TraceArgs),
     /// Compare two recordings, and name the cause of what differs.
     Diff(DiffArgs),
+    /// List the constants that a what-if may set.
+    Settings(SettingsListArgs),
+    /// Run recordings with a constant at several values.
+    Sweep(SweepArgs),
     /// Make a film of a module as a scripted surgeon does it, or of a recording as it was.
     Film(FilmArgs),
     /// Score recorded attempts at a module.

@@ -39,7 +39,7 @@ impl Part {
 pub struct KeyDifference {
     /// Where.
     pub part: Part,
-    /// Path of the key, as `cameras.1.fx` or `membrane.spring`; lists by the `id` or `name` of their
+    /// Path of the key, as `cameras.1.fx` or `membrane.size_mm`; lists by the `id` or `name` of their
     /// elements where these have one.
     pub key: String,
     /// Value in the first recording; none where the key is absent.

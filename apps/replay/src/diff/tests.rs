@@ -105,3 +105,14 @@ fn a_lost_field_a_lost_handle_and_a_changed_pose_are_named() {
     );
     assert!((moved.poses.bodies[0].max_um - 10.0).abs() < 1e-6 && moved.poses.bodies[0].max_field == 50);
 }
+
+#[test]
+fn a_page_needs_no_network_and_escapes_what_it_shows() {
+    let [mut a, b] = read(&golden(), &golden(), false).unwrap();
+    a.file = "<b>&\".mcap".into();
+    let page = super::page::html(&Comparison::of(&a, &b, 0.0)).unwrap();
+    assert!(
+        page.contains("&lt;b&gt;&amp;&quot;.mcap") && page.contains("<svg") && page.contains("are the same")
+    );
+    assert!(!page.contains("<b>") && !page.contains("src=") && !page.contains("href=\"http"), "{page}");
+}

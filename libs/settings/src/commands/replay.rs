@@ -1,8 +1,8 @@
 //! The command line of `vitreo replay`.
 
-use super::SpanArgs;
 use super::numbers::{not_negative, positive, share};
 use super::processes::CollisionArgs;
+use super::{SpanArgs, WhatIfArgs};
 use outputs::Force;
 use std::path::PathBuf;
 
@@ -45,6 +45,9 @@ pub struct ReplayArgs {
     /// Write the blob stream that was replayed.
     #[arg(long, value_name = "OUT.jsonl")]
     pub blobs: Option<PathBuf>,
+    /// What is changed.
+    #[command(flatten)]
+    pub what_if: WhatIfArgs,
     /// Who looks for collisions.
     #[command(flatten)]
     pub collision: CollisionArgs,
