@@ -49,6 +49,8 @@ pub mod roll_recovery;
 pub mod stream;
 pub mod track;
 pub mod tracker;
+pub mod tuning;
 pub mod ud_covariance;
 
 pub use tracker::{Reference, Tracker, TrackerSnapshot};
+pub use tuning::Tuning;

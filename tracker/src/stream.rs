@@ -3,6 +3,7 @@
 use crate::assembler::{ClosedFrame, FrameAssembler};
 use crate::report::Report;
 use crate::tracker::Tracker;
+use crate::tuning::Tuning;
 use protocol::blobs::BlobField;
 use protocol::matches::MatchFrame;
 use protocol::poses::TrackerFrame;
@@ -20,7 +21,12 @@ pub struct StreamTracker {
 impl StreamTracker {
     /// For a checked rig.
     pub fn new(rig: &Rig) -> Self {
-        let (assembler, tracker) = (FrameAssembler::new(rig), Tracker::new(rig));
+        Self::tuned(rig, &Tuning::default())
+    }
+
+    /// As [`StreamTracker::new`], with other constants.
+    pub fn tuned(rig: &Rig, tuning: &Tuning) -> Self {
+        let (assembler, tracker) = (FrameAssembler::new(rig), Tracker::tuned(rig, true, tuning));
         StreamTracker { assembler, tracker, told: Report::default(), now_ns: 0 }
     }
 

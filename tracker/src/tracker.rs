@@ -17,6 +17,7 @@ use crate::match_log::MatchLog;
 use crate::observation::FieldObservation;
 use crate::rig_model::RigModel;
 use crate::track::Track;
+use crate::tuning::Tuning;
 use bytemuck::Zeroable;
 use protocol::blobs::BlobField;
 use protocol::limits::{BODIES, MAX_CAMERAS, MAX_FIELDS_USED};
@@ -91,8 +92,13 @@ impl Tracker {
 
     /// A fresh tracker for a checked rig; without `estimate_drift` the rig file is trusted.
     pub fn with(rig: &Rig, estimate_drift: bool) -> Self {
-        let fingerprint = saved::fingerprint(rig, estimate_drift);
-        let rig = RigModel::new(rig);
+        Tracker::tuned(rig, estimate_drift, &Tuning::default())
+    }
+
+    /// As [`Tracker::with`], with other constants.
+    pub fn tuned(rig: &Rig, estimate_drift: bool, tuning: &Tuning) -> Self {
+        let fingerprint = saved::fingerprint(rig, estimate_drift, tuning);
+        let rig = RigModel::tuned(rig, tuning);
         Tracker {
             fingerprint,
             drift: estimate_drift.then(|| DriftEstimator::new(&rig)),

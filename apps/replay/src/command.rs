@@ -10,6 +10,7 @@ use crate::resimulate::scene_of;
 use crate::screen::Screen;
 use crate::stop::StopSignal;
 use crate::verify::Verdict;
+use crate::what_if;
 use anyhow::{Context, bail};
 use collision::backend::Backend;
 use diagnosis::untracked;
@@ -31,6 +32,9 @@ use std::time::Instant;
 /// # Errors
 /// Where the recording cannot be read or replayed, or a file cannot be written.
 pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
+    if what_if::is_wanted(&args.what_if) {
+        return what_if::run(args);
+    }
     let recording = Recording::open(&args.file)?;
     let desk = recording.provenance().config.contains_key(recording::DESK);
     check(args, &recording, desk)?;

@@ -7,6 +7,7 @@
 
 use crate::frames::{FrameTurn, Frames};
 use crate::steps::{SavedState, StepAgain, Steps};
+use crate::what_if::tuning_or_default;
 use protocol::blobs::BlobField;
 use protocol::checkpoints::TrackerCheckpointHeader;
 use protocol::matches::MatchFrame;
@@ -58,9 +59,10 @@ impl Recorded {
     /// At the beginning of `recording`, in a world at the start of its scene.
     pub fn new(recording: &Recording, rig: &Rig, world: World) -> Self {
         let desk = recording.provenance().config.contains_key(recording::DESK);
+        let tuning = tuning_or_default(recording.provenance());
         Recorded {
             items: recording.items(),
-            tracker: (!desk).then(|| (Tracker::new(rig), Report::default())),
+            tracker: (!desk).then(|| (Tracker::tuned(rig, true, &tuning), Report::default())),
             frames: Frames::new(rig.field_period_ns(), desk),
             steps: Steps::of(recording, world),
             damage: None,
@@ -196,7 +198,7 @@ fn go_on_over_a_gap(tracker: &mut Tracker, turn: &mut FrameTurn, frames: &mut Fr
 }
 
 /// What a tracker makes of a recorded frame's fields.
-fn track(tracker: &mut Tracker, turn: &FrameTurn) -> TrackerFrame {
+pub(crate) fn track(tracker: &mut Tracker, turn: &FrameTurn) -> TrackerFrame {
     let recorded = &turn.recorded;
     if recorded.frame == 0 {
         tracker.reset();

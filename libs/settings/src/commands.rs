@@ -4,6 +4,7 @@
 pub mod arrangement;
 mod check;
 mod cut;
+mod diff;
 mod drawing;
 mod export;
 mod film;
@@ -22,10 +23,12 @@ mod score;
 mod span;
 mod suite;
 mod trace;
+mod what_if;
 
 pub use arrangement::Arrangement;
 pub use check::CheckArgs;
 pub use cut::CutArgs;
+pub use diff::DiffArgs;
 pub use drawing::DrawingArgs;
 pub use export::{ExportArgs, TABLES, What};
 pub use film::FilmArgs;
@@ -42,6 +45,7 @@ pub use score::{BatchArgs, ScoreArgs};
 pub use span::SpanArgs;
 pub use suite::SuiteArgs;
 pub use trace::TraceArgs;
+pub use what_if::{Assignment, Range, SettingsListArgs, SweepArgs, WhatIfArgs};
 
 /// Commands on recordings: `vitreo` declares them, `vitreo-replay` carries them out.
 #[derive(Debug, clap::Subcommand)]
@@ -68,6 +72,12 @@ pub enum RecordingCommand {
     Residuals(ResidualsArgs),
     /// Draw what the cameras saw of a field and what the tracker made of it, or residuals over time.
     Inspect(InspectArgs),
+    /// Compare two recordings, and name the cause of what differs.
+    Diff(DiffArgs),
+    /// List the constants that a what-if may set.
+    Settings(SettingsListArgs),
+    /// Run recordings with a constant at several values.
+    Sweep(SweepArgs),
     /// Make a film of a module as a scripted surgeon does it, or of a recording as it was.
     Film(FilmArgs),
     /// Score recorded attempts at a module.

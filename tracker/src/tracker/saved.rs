@@ -4,6 +4,7 @@ use super::Tracker;
 use crate::checkpoint::{Done, Loader, Saver, require};
 use crate::constants as k;
 use crate::rig_model::RigModel;
+use crate::tuning::Tuning;
 use protocol::limits::MAX_CAMERAS;
 use protocol::message::fnv1a;
 use rig::Rig;
@@ -17,10 +18,13 @@ const AREA_SCALES: (f64, f64) = (0.4, 2.5);
 #[derive(Clone)]
 pub struct TrackerSnapshot(pub(crate) Box<Tracker>);
 
-/// Names a rig, and whether its drift is estimated.
-pub(super) fn fingerprint(rig: &Rig, estimate_drift: bool) -> u64 {
+/// Names a rig, whether its drift is estimated, and constants that are not the usual ones.
+pub(super) fn fingerprint(rig: &Rig, estimate_drift: bool, tuning: &Tuning) -> u64 {
     let mut bytes = rig.to_json().into_bytes();
     bytes.push(u8::from(estimate_drift));
+    if *tuning != Tuning::default() {
+        bytes.extend(tuning.values().iter().flat_map(|value| value.to_bits().to_le_bytes()));
+    }
     fnv1a(&bytes)
 }
 

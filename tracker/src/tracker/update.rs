@@ -46,7 +46,7 @@ impl Tracker {
         let mut cameras = 0u32;
         for field in fields {
             let Some(Some(camera)) = self.rig.cameras.get(field.camera as usize) else { continue };
-            let refused = self.fields[field.camera as usize].fill(field, camera);
+            let refused = self.fields[field.camera as usize].fill(field, camera, &self.rig.tuning);
             self.blobs_refused = self.blobs_refused.saturating_add(u64::from(refused));
             cameras |= 1 << field.camera;
         }
@@ -246,7 +246,7 @@ impl Tracker {
         let matches = &estimate.association.matches[body];
         let track = &mut self.tracks[body];
         track.count_near_misses(estimate.association.near_misses[body]);
-        if !track.update(&fit, prior_information, matches, group.time_ns) {
+        if !track.update(&fit, prior_information, matches, group.time_ns, self.rig.tuning.bad_fit) {
             return None;
         }
         track.observe_roll(&self.rig.bodies[body], matches, group.time_ns);

@@ -2,7 +2,7 @@
 
 use super::numbers::{not_negative, positive, share};
 use super::processes::CollisionArgs;
-use super::{DrawingArgs, SpanArgs};
+use super::{DrawingArgs, SpanArgs, WhatIfArgs};
 use outputs::{Force, video_file};
 use std::path::PathBuf;
 
@@ -64,6 +64,9 @@ pub struct ReplayArgs {
     /// Show the recorded poses instead of what this tracker makes of the recorded blobs.
     #[arg(long, conflicts_with = "verify")]
     pub as_recorded: bool,
+    /// What is changed.
+    #[command(flatten)]
+    pub what_if: WhatIfArgs,
     /// Who looks for collisions.
     #[command(flatten)]
     pub collision: CollisionArgs,
