@@ -29,6 +29,8 @@ OWN = {
     "/log": "foxglove.Log",
     "/picture": "foxglove.CompressedImage",
     **{f"/camera{camera}/matches": "foxglove.ImageAnnotations" for camera in range(8)},
+    **{f"/camera{camera}/calibration": "foxglove.CameraCalibration" for camera in range(8)},
+    "/rig": "foxglove.SceneUpdate",
 }
 
 
@@ -63,7 +65,8 @@ def check_matches(frame):
 def check_transforms(message):
     for transform in message.transforms:
         require(transform.parent_frame_id == "world", f"parent {transform.parent_frame_id}")
-        require(transform.child_frame_id in ("inst0", "inst1", "eye"), transform.child_frame_id)
+        known = ("inst0", "inst1", "eye", *(f"camera{camera}" for camera in range(8)))
+        require(transform.child_frame_id in known, transform.child_frame_id)
 
 
 CHECKS = {"blobs": check_blobs, "poses": check_poses, "matches": check_matches, "/tf": check_transforms}

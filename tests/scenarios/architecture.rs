@@ -12,7 +12,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("ipc", &["protocol", "outputs"]),
     ("rig", &["protocol"]),
     ("scene", &["protocol"]),
-    ("recording", &["protocol"]),
+    ("recording", &["protocol", "rig"]),
     ("blob-stream", &["protocol"]),
     ("font", &[]),
     ("outputs", &[]),

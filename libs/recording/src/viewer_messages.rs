@@ -1,20 +1,23 @@
 //! Messages in Foxglove's own schemas, which viewers show as they are.
 
 mod annotations;
+pub mod rig;
 
 use super::{Item, Note, NoteKind};
 use foxglove::messages::log::Level;
 use foxglove::messages::{
-    CompressedImage, FrameTransform, FrameTransforms, ImageAnnotations, Log, Quaternion, Timestamp, Vector3,
+    CameraCalibration, CompressedImage, FrameTransform, FrameTransforms, ImageAnnotations, Log, Quaternion,
+    SceneUpdate, Timestamp, Vector3,
 };
 use foxglove::{Encode, Schema};
 use protocol::events::{Event, NO_INSTRUMENT};
 use protocol::geometry::Validity;
+use protocol::limits::MAX_CAMERAS;
 use protocol::poses::{BODY_NAMES, TrackerFrame};
 use protocol::time::Nanos;
 
-/// Topics for viewers, in the order in which the file declares them; the matches of each camera last.
-pub(super) const TOPICS: [&str; 11] = [
+/// Topics for viewers, in the order in which the file declares them; new ones come last.
+pub(super) const TOPICS: [&str; 20] = [
     "/tf",
     "/log",
     "/picture",
@@ -26,21 +29,36 @@ pub(super) const TOPICS: [&str; 11] = [
     "/camera5/matches",
     "/camera6/matches",
     "/camera7/matches",
+    "/camera0/calibration",
+    "/camera1/calibration",
+    "/camera2/calibration",
+    "/camera3/calibration",
+    "/camera4/calibration",
+    "/camera5/calibration",
+    "/camera6/calibration",
+    "/camera7/calibration",
+    "/rig",
 ];
-/// Index of the first camera's topic.
+/// Indices of topics: where bodies and cameras are, the first camera's matches and calibration, what bodies
+/// look like.
+const TRANSFORMS: usize = 0;
 const OF_CAMERAS: usize = 3;
+const CALIBRATIONS: usize = OF_CAMERAS + MAX_CAMERAS;
+const RIG: usize = CALIBRATIONS + MAX_CAMERAS;
 /// Topics that former versions declared, before [`super::FIRST_TOPICS`] ends.
 pub(super) const FIRST: usize = 3;
 
-const _: () = assert!(TOPICS.len() == OF_CAMERAS + protocol::limits::MAX_CAMERAS);
+const _: () = assert!(TOPICS.len() == RIG + 1);
 
 /// Schema of a topic.
 pub(super) fn schema(topic: usize) -> Option<Schema> {
     match topic {
-        0 => FrameTransforms::get_schema(),
+        TRANSFORMS => FrameTransforms::get_schema(),
         1 => Log::get_schema(),
         2 => CompressedImage::get_schema(),
-        _ => ImageAnnotations::get_schema(),
+        OF_CAMERAS..CALIBRATIONS => ImageAnnotations::get_schema(),
+        CALIBRATIONS..RIG => CameraCalibration::get_schema(),
+        _ => SceneUpdate::get_schema(),
     }
 }
 
@@ -49,7 +67,7 @@ pub(super) fn schema(topic: usize) -> Option<Schema> {
 pub(super) fn encode(item: &Item, realtime_offset_ns: u64) -> Vec<(usize, Vec<u8>)> {
     let clock = Clock(realtime_offset_ns);
     match item {
-        Item::Poses(frame) => one(0, transforms(frame, clock)),
+        Item::Poses(frame) => one(TRANSFORMS, transforms(frame, clock)),
         Item::Event(event) => one(1, Some(event_log(event, clock))),
         Item::Note(note) => one(1, Some(note_log(note, clock))),
         Item::Picture(header, jpeg) => {

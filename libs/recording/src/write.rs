@@ -10,6 +10,7 @@ use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, checksum, record,
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Compression, WriteOptions};
 use protocol::time::Nanos;
+use rig::Rig;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::Path;
@@ -40,6 +41,10 @@ pub struct Writer {
     sequences: BTreeMap<u16, u32>,
     message: Vec<u8>,
     realtime_offset_ns: u64,
+    /// The rig, for viewers; `None` for one that is none.
+    rig: Option<Rig>,
+    /// Log time from which on the rig is due again, ns.
+    rig_due_ns: Nanos,
     /// When [`Writer::flush_aged`] first saw the open chunk.
     open_since: Option<Nanos>,
     /// Items in the open chunk.
@@ -93,6 +98,8 @@ impl Writer {
             sequences: BTreeMap::new(),
             message: Vec::new(),
             realtime_offset_ns: provenance.realtime_offset_ns(),
+            rig: Rig::parse(&provenance.rig_json, "of the recording").ok(),
+            rig_due_ns: 0,
             open_since: None,
             open: 0,
             ended: false,
@@ -119,7 +126,12 @@ impl Writer {
         let log_time = log_time_ns.wrapping_add(self.realtime_offset_ns);
         self.append(self.channels[item.topic_index()], log_time)?;
         self.open += 1;
-        for (viewer, message) in viewer_messages::encode(item, self.realtime_offset_ns) {
+        let mut shown = viewer_messages::encode(item, self.realtime_offset_ns);
+        if let Some(rig) = self.rig.as_ref().filter(|_| log_time_ns >= self.rig_due_ns) {
+            shown.extend(viewer_messages::rig::encode(rig, log_time_ns, self.realtime_offset_ns));
+            self.rig_due_ns = log_time_ns.saturating_add(viewer_messages::rig::EVERY_NS);
+        }
+        for (viewer, message) in shown {
             self.message = message;
             self.append(self.viewers[viewer], log_time)?;
         }
