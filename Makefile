@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo demo-repeat test latency soak hour hour-live seek endure test-python fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
+.PHONY: help setup setup-python demo demo-repeat test latency soak hour hour-live seek endure test-python test-viewers fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
 	version tag release-programs stage deb test-deb sbom reproducible deny clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -132,6 +132,10 @@ test-python: setup setup-python ## Read a fresh recording with Python's mcap
 	@mkdir -p out
 	$(RELEASE) run --no-picture --direct --instance python --duration 4 --force --record out/python.mcap
 	.venv/bin/python tests/python/read_recording.py out/python.mcap
+
+test-viewers: test-python ## Convert that recording for Rerun, and account for every channel (installs 800 MB)
+	.venv/bin/python -m pip install -q -r tests/python/requirements-rerun.txt
+	.venv/bin/python tests/python/rerun_recording.py out/python.mcap out/rerun
 
 # What test-slurm and test-s3 score: 1,000 recordings of 2 s, copies of four with seeds of their own.
 fleet: setup

@@ -29,4 +29,5 @@ mod sleep;
 mod streams;
 mod text;
 mod transport;
+mod viewers;
 mod watch;

@@ -50,6 +50,7 @@ pub use items::{Items, Place};
 pub use note::{Note, NoteKind};
 pub use read::{Recording, states_incomparable};
 pub use tracker_version::{TRACKER_DIGESTS, TRACKER_VERSION};
+pub use viewer_messages::TOPICS as VIEWER_TOPICS;
 pub use write::Writer;
 
 use protocol::blobs::BlobField;

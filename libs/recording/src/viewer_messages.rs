@@ -17,7 +17,7 @@ use protocol::poses::{BODY_NAMES, TrackerFrame};
 use protocol::time::Nanos;
 
 /// Topics for viewers, in the order in which the file declares them; new ones come last.
-pub(super) const TOPICS: [&str; 20] = [
+pub const TOPICS: [&str; 20] = [
     "/tf",
     "/log",
     "/picture",
