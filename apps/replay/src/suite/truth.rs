@@ -79,12 +79,12 @@ impl Tips {
 
     /// Compares the tips that a frame has measured.
     pub fn note(&mut self, frame: &TrackerFrame) {
+        let Some(tips) = self.at(frame.instants.exposed) else { return };
         for i in 0..INSTRUMENTS {
             let body = &frame.bodies[i];
-            let Some(tips) = self.at(body.measured_ns).filter(|_| body.validity() == Validity::Measured)
-            else {
+            if body.validity() != Validity::Measured || body.blobs_used == 0 {
                 continue;
-            };
+            }
             let error_mm = body.world_from_body.isometry().translation.vector - tips[i].coords;
             self.sums[i].0 += error_mm.norm_squared() * 1e6;
             self.sums[i].1 += 1;
@@ -114,12 +114,13 @@ mod tests {
         let mut frame = TrackerFrame::zeroed();
         for body in &mut frame.bodies {
             body.world_from_body = Pose::IDENTITY;
-            (body.validity, body.measured_ns) = (Validity::Measured as u32, 750_000_000);
+            (body.validity, body.blobs_used) = (Validity::Measured as u32, 3);
         }
         frame.bodies[0].world_from_body.position_mm = [1.5, 0.003, 0.004];
         frame.bodies[1].validity = Validity::Predicted as u32;
+        frame.instants.exposed = 750_000_000;
         tips.note(&frame);
-        frame.bodies[0].measured_ns = 100_000_000;
+        frame.instants.exposed = 100_000_000;
         tips.note(&frame);
         assert!((tips.rms_um(0).unwrap() - 5.0).abs() < 1e-6 && tips.rms_um(1).is_none());
     }
