@@ -8,13 +8,13 @@ use outputs::exit::LOSS;
 use outputs::progress::bytes_bar;
 use outputs::{Outputs, println};
 use protocol::time::Nanos;
-use recording::{CUT, Item, Note, Provenance, Recording, Writer};
+use recording::{CUT, Item, Note, Provenance, Recording, Source, Writer};
 use settings::commands::MergeArgs;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// A part, and the log time of its first message.
+/// A part, and the exposure of the first step that is its own, or of the first field of a stream.
 struct Part {
     recording: Recording,
     from_ns: Nanos,
@@ -76,8 +76,14 @@ fn open(files: &[PathBuf]) -> anyhow::Result<Vec<Part>> {
     let mut parts = Vec::new();
     for file in files {
         let recording = Recording::open(file)?;
-        let first = recording.items().find_map(Result::ok);
-        let (from_ns, _) = first.with_context(|| format!("{}: holds nothing", file.display()))?;
+        let mut first = recording.items_of(&["steps", "blobs"]).filter_map(Result::ok).map(|(_, item)| item);
+        let is_stream = recording.provenance().source == Source::Import;
+        let from_ns = first.find_map(|item| match item {
+            Item::Step(step) => Some(step.instants.exposed),
+            Item::Blobs(field) if is_stream => Some(field.exposed_ns),
+            _ => None,
+        });
+        let from_ns = from_ns.with_context(|| format!("{}: holds no step and no field", file.display()))?;
         parts.push(Part { recording, from_ns });
     }
     parts.sort_by_key(|part| part.from_ns);
