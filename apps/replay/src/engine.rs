@@ -5,6 +5,8 @@
 //! bit. An imported stream has no such record: there the tracker decides by the stream's own clock, and
 //! the simulation gets what it makes.
 
+pub mod pipelined;
+
 use crate::frames::{FrameTurn, Frames};
 use crate::steps::{StepAgain, Steps};
 use protocol::blobs::BlobField;
@@ -87,9 +89,7 @@ impl Recorded {
                 self.steps.note(at, item);
             }
             Some(Err(error)) => {
-                if !matches!(error, RecordingError::Truncated { .. }) {
-                    self.frames.note_loss(error.to_string());
-                }
+                self.frames.note_damage(&error);
                 self.damage.get_or_insert_with(|| Arc::new(error));
             }
             None => {
@@ -101,11 +101,7 @@ impl Recorded {
 
     /// What the tracker makes of a frame; `None` at a desk.
     pub(crate) fn track(&mut self, turn: &mut FrameTurn) -> Option<TrackerFrame> {
-        let (tracker, told) = self.tracker.as_mut()?;
-        go_on_over_a_gap(tracker, turn, &mut self.frames);
-        let made = track(tracker, turn);
-        told.tell(tracker);
-        Some(made)
+        track_turn(&mut self.tracker, turn, &mut self.frames)
     }
 
     /// Does what can be done by now. Where `visit` has enough of frames, their steps follow.
@@ -127,6 +123,19 @@ impl Recorded {
         }
         Ok(flow)
     }
+}
+
+/// What the tracker makes of a frame; `None` at a desk.
+fn track_turn(
+    tracker: &mut Option<(Tracker, Report)>,
+    turn: &mut FrameTurn,
+    frames: &mut Frames,
+) -> Option<TrackerFrame> {
+    let (tracker, told) = tracker.as_mut()?;
+    go_on_over_a_gap(tracker, turn, frames);
+    let made = track(tracker, turn);
+    told.tell(tracker);
+    Some(made)
 }
 
 /// Gives the tracker what it knew before this frame, where a gap lies before it.

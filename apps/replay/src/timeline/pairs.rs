@@ -56,7 +56,8 @@ impl Pairs {
 
     /// True if there are checkpoints of the simulation, and of the tracker where that is wanted.
     pub fn are_complete(&self, with_tracker: bool) -> bool {
-        !self.heads.is_empty() && !(with_tracker && self.of_tracker.is_empty())
+        let of_world = !self.heads.is_empty();
+        if with_tracker { of_world && !self.of_tracker.is_empty() } else { of_world }
     }
 
     /// Reads a checkpoint of the simulation, and the tracker's that belongs to it where that is wanted;
