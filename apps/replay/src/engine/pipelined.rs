@@ -36,12 +36,8 @@ pub struct Ended {
     pub damage: Option<Arc<RecordingError>>,
 }
 
-/// What was read.
-enum Read {
-    Item(Nanos, Item),
-    Damage(Arc<RecordingError>),
-    End,
-}
+/// What was read; `None` at the end.
+type Read = Option<Result<(Nanos, Item), Arc<RecordingError>>>;
 
 /// What was read, and the frames whose turn came with it. At a desk nothing is made of them.
 type Ahead = (Read, Vec<(FrameTurn, Option<TrackerFrame>)>);
@@ -90,21 +86,15 @@ fn read_ahead(
         let mut batch = Vec::with_capacity(BATCH);
         let mut at_end = false;
         while batch.len() < BATCH && !at_end {
-            let read = match items.next() {
-                Some(Ok((at, item))) => {
-                    frames.note(at, &item);
-                    Read::Item(at, item)
-                }
-                Some(Err(error)) => {
-                    frames.note_damage(&error);
-                    Read::Damage(Arc::new(error))
-                }
+            let read: Read = items.next().map(|read| read.map_err(Arc::new));
+            match &read {
+                Some(Ok((at, item))) => frames.note(*at, item),
+                Some(Err(error)) => frames.note_damage(error),
                 None => {
                     frames.end();
                     at_end = true;
-                    Read::End
                 }
-            };
+            }
             let mut turns = Vec::new();
             while let Some(mut turn) = frames.next_turn() {
                 let made = track_turn(&mut tracker, &mut turn, &mut frames);
@@ -127,14 +117,14 @@ impl Ended {
     ) -> anyhow::Result<bool> {
         for (read, turns) in receive.iter().flatten() {
             match read {
-                Read::Item(at, item) => {
+                Some(Ok((at, item))) => {
                     if let Item::Blobs(field) = &item {
                         self.due.note_field(field);
                     }
                     self.steps.note(at, item);
                 }
-                Read::Damage(damage) => drop(self.damage.get_or_insert(damage)),
-                Read::End => self.steps.end(),
+                Some(Err(damage)) => drop(self.damage.get_or_insert(damage)),
+                None => self.steps.end(),
             }
             let mut flow = ControlFlow::Continue(());
             for (turn, made) in turns {

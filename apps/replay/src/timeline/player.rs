@@ -142,40 +142,36 @@ impl Player {
     /// Where the world is of another scene.
     pub fn step_back(&mut self) -> anyhow::Result<Option<Moment>> {
         let Some(now) = self.at else { return Ok(None) };
-        let mut back_ns = BACK_NS;
-        loop {
-            let start = match self.copy_before(&now) {
-                Some((at, copy)) => {
-                    self.run.restore(&copy)?;
-                    self.at = Some(at);
-                    Some(copy)
-                }
-                None => {
-                    let target = now.exposed_ns.checked_sub(back_ns);
-                    back_ns = back_ns.saturating_mul(4);
-                    match target {
-                        Some(target) => drop(self.seek(Target::Exposed(target))?),
-                        None => self.rewind()?,
-                    }
-                    None
-                }
-            };
-            let begin = start.unwrap_or_else(|| self.run.snapshot());
-            let from = self.at;
-            if from.is_some_and(|at| at.exposed_ns >= now.exposed_ns) {
-                continue;
-            }
-            let mut steps = 0;
-            while self.step_forward()?.is_some_and(|at| at.exposed_ns < now.exposed_ns) {
-                steps += 1;
-            }
-            self.run.restore(&begin)?;
-            self.at = from;
-            for _ in 0..steps {
-                self.step_forward()?;
-            }
-            return Ok(self.at);
+        let (from, copy) = self.go_before(&now)?;
+        let mut steps = 0;
+        while self.step_forward()?.is_some_and(|at| at.exposed_ns < now.exposed_ns) {
+            steps += 1;
         }
+        self.run.restore(&copy)?;
+        self.at = from;
+        for _ in 0..steps {
+            self.step_forward()?;
+        }
+        Ok(self.at)
+    }
+
+    /// Goes to a place a little before a step; where that is, and a copy of the run there.
+    fn go_before(&mut self, now: &Moment) -> anyhow::Result<(Option<Moment>, Snapshot)> {
+        if let Some((at, copy)) = self.copy_before(now) {
+            self.run.restore(&copy)?;
+            self.at = Some(at);
+            return Ok((self.at, copy));
+        }
+        let mut back_ns = BACK_NS;
+        while let Some(target) = now.exposed_ns.checked_sub(back_ns) {
+            self.seek(Target::Exposed(target))?;
+            if self.at.is_some_and(|at| at.exposed_ns < now.exposed_ns) {
+                return Ok((self.at, self.run.snapshot()));
+            }
+            back_ns = back_ns.saturating_mul(4);
+        }
+        self.rewind()?;
+        Ok((None, self.run.snapshot()))
     }
 
     /// Goes to the first step behind this one with an event; the first of its events, or `None` where there is
