@@ -179,7 +179,7 @@ fn first_key(action: &Action) -> &'static str {
 
 /// A key as people write it: a letter or an F key in capitals, a word with one.
 pub fn shown(key: &str) -> String {
-    let is_word = key.len() > 2 && !key.starts_with('f');
+    let is_word = key == "up" || key.len() > 2 && !key.starts_with('f');
     if is_word { capitalised(key).collect() } else { key.to_uppercase() }
 }
 

@@ -3,7 +3,8 @@
 //! Whatever a person names may be a device without an end, a recording, or the wrong file.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, Error, ErrorKind, Read, Result};
+use std::io::{BufRead, BufReader, Error, ErrorKind, Read, Result, stdin};
+use std::os::fd::AsFd;
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 use std::sync::mpsc;
@@ -17,12 +18,18 @@ pub const MAX_TABLE_BYTES: u64 = 64 << 20;
 /// How long a named pipe may be without anything written to it.
 const WRITER_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Opens a file to be read. A named pipe is waited for until somebody writes to it, 5 s at most: opening
+/// Name that stands for standard input.
+pub const STDIN: &str = "-";
+
+/// Opens a file to be read, or standard input by the name `-`. A named pipe is waited for until somebody writes to it, 5 s at most: opening
 /// it would wait without end, and no signal would end that.
 ///
 /// # Errors
 /// Where it cannot be opened, or is a pipe to which nobody writes.
 pub fn open(path: &Path) -> Result<BufReader<File>> {
+    if path.as_os_str() == STDIN {
+        return stdin().as_fd().try_clone_to_owned().map(|input| BufReader::new(input.into()));
+    }
     if !path.metadata()?.file_type().is_fifo() {
         return File::open(path).map(BufReader::new);
     }

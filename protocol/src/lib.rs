@@ -9,6 +9,7 @@
 //! | `handles` | [`handles::HandleState`] | rig or desk → simcore, recorder | 50 Hz | every one |
 //! | `pedal` | [`handles::PedalState`] | input → simcore, recorder | ≥ 10 Hz | every one |
 //! | `poses` | [`poses::TrackerFrame`] | tracker, desk → simcore, renderer | 50 Hz | every one, or newest |
+//! | `matches` | [`matches::MatchFrame`] | tracker → recorder | 50 Hz | every one |
 //! | `scene` | [`scene::SceneHeader`] + sections | simcore → renderer, rig | per step | newest wins |
 //! | `steps` | [`steps::StepRecord`] | simcore → launcher | per step | every one |
 //! | `checkpoints` | [`steps::CheckpointHeader`] + bytes | simcore → launcher | ≥ 0.5 Hz | newest wins |
@@ -45,6 +46,7 @@ pub mod health;
 pub mod inputs;
 pub mod journal;
 pub mod limits;
+pub mod matches;
 pub mod message;
 pub mod optics;
 pub mod poses;
@@ -54,6 +56,7 @@ pub mod scene;
 pub mod scene_text;
 pub mod steps;
 pub mod time;
+pub mod transport;
 pub mod wire;
 
 // `#[derive(Wire)]` names this crate, also inside it.

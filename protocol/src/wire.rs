@@ -135,13 +135,13 @@ impl Kind {
         }
     }
 
-    /// True for what a recording can hold: `u32`, `u64`, `f64`, arrays of `f64`, structs and
+    /// True for what a recording can hold: `u32`, `u64`, `f32`, `f64`, arrays of `f64`, structs and
     /// arrays of them.
     const fn is_recordable(&self) -> bool {
         match self {
-            Kind::U32 | Kind::U64 | Kind::F64 | Kind::Struct(_) => true,
+            Kind::U32 | Kind::U64 | Kind::F32 | Kind::F64 | Kind::Struct(_) => true,
             Kind::Array(element, _) => matches!(element, Kind::F64 | Kind::Struct(_)),
-            Kind::U8 | Kind::U16 | Kind::F32 => false,
+            Kind::U8 | Kind::U16 => false,
         }
     }
 }

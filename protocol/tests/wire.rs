@@ -10,6 +10,7 @@ use protocol::geometry::Validity;
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::Health;
 use protocol::inputs::{Hint, InputEvent};
+use protocol::matches::MatchFrame;
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
 use protocol::predict::predict;
@@ -33,6 +34,7 @@ proptest! {
         validates::<HandleState>(&seed);
         validates::<PedalState>(&seed);
         validates::<TrackerFrame>(&seed);
+        validates::<MatchFrame>(&seed);
         validates::<SceneHeader>(&seed);
         validates::<StepRecord>(&seed);
         validates::<CheckpointHeader>(&seed);
@@ -46,6 +48,8 @@ proptest! {
         let _ = block::<Health>(&seed).text();
         prop_assert!(block::<BlobField>(&seed).blobs().len() <= 64);
         prop_assert!(block::<TrackerFrame>(&seed).used().len() <= 16);
+        let matches = block::<MatchFrame>(&seed);
+        prop_assert!(matches.fields().iter().all(|f| f.blobs().len() <= 64 && f.missed().len() <= 48));
     }
 
     #[test]
@@ -89,6 +93,7 @@ fn channel_names_and_schemas_differ() {
         (HandleState::CHANNEL, HandleState::SCHEMA),
         (PedalState::CHANNEL, PedalState::SCHEMA),
         (TrackerFrame::CHANNEL, TrackerFrame::SCHEMA),
+        (MatchFrame::CHANNEL, MatchFrame::SCHEMA),
         (SceneHeader::CHANNEL, SceneHeader::SCHEMA),
         (StepRecord::CHANNEL, StepRecord::SCHEMA),
         (CheckpointHeader::CHANNEL, CheckpointHeader::SCHEMA),

@@ -46,6 +46,9 @@ pub struct Config {
     /// mouse, Escape frees it.
     #[arg(long)]
     pub desk: bool,
+    /// Show a replay: each scene with the poses of its own instant, and the keys of a replay.
+    #[arg(long, hide = true, conflicts_with = "desk")]
+    pub replay: bool,
     /// Whether files that exist are written over.
     #[command(flatten)]
     pub force: outputs::Force,
@@ -78,6 +81,7 @@ impl Config {
             arrangement: self.arrangement(),
             full_screen: self.picture.full_screen,
             desk: self.desk,
+            letters: self.desk || self.replay,
             monitor: self.picture.monitor.clone(),
         };
         self.window.then_some(window)

@@ -42,7 +42,7 @@ use protocol::time::Nanos;
 use rustix::process::setpriority_process;
 use scene::{DEFAULT_SCENE, SceneFile};
 use standby::Order;
-use user::User;
+use user::{Keys, User};
 
 /// Runs until a request, a signal or the user stops it.
 ///
@@ -171,8 +171,13 @@ impl RendererShell {
         };
         let output = Output::start(&output_config, first_tier).context("files for stills or video")?;
         let rate = |wanted: bool, hz: f64| Ticks::new(if wanted { hz } else { 0.0 });
+        let keys = match (config.desk, config.replay) {
+            (true, _) => Keys::Desk,
+            (_, true) => Keys::Replay,
+            _ => Keys::Run,
+        };
         let mut process = Self {
-            user: User::open(&instance, config.desk, config.picture.show_dose)?,
+            user: User::open(&instance, keys, config.picture.show_dose)?,
             poses: instance.receiver(Queue::Newest)?,
             scenes: instance.block_receiver()?,
             frames: instance.sender()?,
@@ -208,7 +213,7 @@ impl RendererShell {
         process.show_tier(false);
         process.renderer.set_arrangement(config.arrangement());
         process.renderer.set_at_desk(config.desk);
-        if !process.is_headless() {
+        if !process.is_headless() && keys != Keys::Replay {
             process.renderer.set_next_steps(&next_steps());
         }
         Ok(process)

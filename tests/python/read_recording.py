@@ -24,9 +24,13 @@ OWN = {
     "pictures": "vitreo.Picture",
     "notes": "vitreo.Note",
     "tracker-checkpoints": "vitreo.TrackerCheckpoint",
+    "matches": "vitreo.Matches",
     "/tf": "foxglove.FrameTransforms",
     "/log": "foxglove.Log",
     "/picture": "foxglove.CompressedImage",
+    **{f"/camera{camera}/matches": "foxglove.ImageAnnotations" for camera in range(8)},
+    **{f"/camera{camera}/calibration": "foxglove.CameraCalibration" for camera in range(8)},
+    "/rig": "foxglove.SceneUpdate",
 }
 
 
@@ -48,13 +52,24 @@ def check_poses(frame):
         require(abs(w * w + x * x + y * y + z * z - 1) < 1e-6, f"frame {frame.frame}: {body}")
 
 
+def check_matches(frame):
+    for field in frame.fields:
+        indices = [blob.blob for blob in field.blobs]
+        require(indices == list(range(len(indices))), f"frame {frame.frame}: blobs {indices}")
+        for blob in field.blobs:
+            numbers = (blob.x_px, blob.y_px, blob.residual_x_px, blob.residual_y_px, blob.nis)
+            require(all(map(math.isfinite, numbers)), f"frame {frame.frame}: {blob}")
+            require(blob.outcome <= 12 and blob.body <= 3, f"frame {frame.frame}: {blob}")
+
+
 def check_transforms(message):
     for transform in message.transforms:
         require(transform.parent_frame_id == "world", f"parent {transform.parent_frame_id}")
-        require(transform.child_frame_id in ("inst0", "inst1", "eye"), transform.child_frame_id)
+        known = ("inst0", "inst1", "eye", *(f"camera{camera}" for camera in range(8)))
+        require(transform.child_frame_id in known, transform.child_frame_id)
 
 
-CHECKS = {"blobs": check_blobs, "poses": check_poses, "/tf": check_transforms}
+CHECKS = {"blobs": check_blobs, "poses": check_poses, "matches": check_matches, "/tf": check_transforms}
 
 
 def metadata_of(reader):
@@ -73,8 +88,13 @@ def main(path):
         require(reader.get_header().profile == "vitreo", "the profile is not vitreo")
         pairs = metadata_of(reader)
         counts, steps = Counter(), []
-        for schema, channel, _, decoded in reader.iter_decoded_messages():
+        offset = int(pairs.get("config.realtime-offset-ns", 0))
+        for schema, channel, message, decoded in reader.iter_decoded_messages():
             require(OWN.get(channel.topic) == schema.name, f"topic {channel.topic} is {schema.name}")
+            if channel.topic == "blobs":
+                # Log times are wall-clock time, instants in messages are not.
+                late = message.log_time - offset - decoded.exposed_ns
+                require(0 <= late < 60_000_000_000, f"field {decoded.field} is filed {late} ns late")
             CHECKS.get(channel.topic, lambda _: None)(decoded)
             counts[channel.topic] += 1
             if channel.topic == "steps":

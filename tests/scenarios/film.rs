@@ -121,12 +121,48 @@ fn what_of_a_recording_cannot_be_drawn_is_refused() {
     assert!(done.stderr.contains(".mp4") && done.stderr.contains(".y4m"), "{}", done.stderr);
     let done = film(&path("no.mcap"), &[]).expect_code(1);
     assert!(done.stderr.contains("no.mcap"), "{}", done.stderr);
+    assert!(!folder.path().join("f.mp4").exists());
+}
+
+#[test]
+fn a_replay_draws_what_it_verifies_as_the_film_of_the_recording_does() {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let part = ["--until", "0.8", "--tier", "8"];
+    let (film, shown, stills) = (path("film.y4m"), path("replay.y4m"), path("stills"));
+    vitreo(&[&["film", &golden(), "-o", &film][..], &part].concat()).expect_code(0);
+    let what = ["replay", &golden(), "--verify", "--video", &shown, "--stills", &stills, "--every", "0.4"];
+    let told = vitreo(&[&what[..], &part].concat()).expect_code(0);
+    assert!(told.stdout.contains("identical") && told.stdout.contains(&shown), "{told:?}");
+    let read = |file: &str| std::fs::read(file).expect("a film");
+    assert!(read(&film) == read(&shown), "the same pictures");
+    assert_eq!(names(&stills), ["still-000.00.png", "still-000.40.png", "still-000.80.png"]);
+    let recorded = path("recorded.y4m");
+    let what = ["replay", &golden(), "--as-recorded", "--video", &recorded];
+    vitreo(&[&what[..], &part].concat()).expect_code(0);
+    assert!(read(&film) == read(&recorded), "this tracker makes the recorded poses");
+    // A file that exists is kept.
+    let taken = vitreo(&["replay", &golden(), "--video", &shown]).expect_code(1).stderr;
+    assert!(taken.contains("--force"), "{taken}");
+}
+
+#[test]
+fn an_imported_stream_is_drawn_by_film_and_replay() {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
     let [blobs, rig, stream] = ["b.jsonl", "rig.json", "stream.mcap"].map(path);
     vitreo(&["export", &golden(), "--blobs", &blobs, "--rig", &rig]).expect_code(0);
     vitreo(&["import", "--rig", &rig, &blobs, "-o", &stream]).expect_code(0);
-    let done = film(&stream, &[]).expect_code(1);
-    assert!(done.stderr.contains("imported") && done.stderr.contains("--scene"), "{}", done.stderr);
-    assert!(!folder.path().join("f.mp4").exists());
+    let (film, shown) = (path("film.y4m"), path("replay.y4m"));
+    let part = ["--until", "0.4", "--tier", "8"];
+    vitreo(&[&["film", &stream, "-o", &film][..], &part].concat()).expect_code(0);
+    vitreo(&[&["replay", &stream, "--video", &shown][..], &part].concat()).expect_code(0);
+    let read = |file: &str| std::fs::read(file).expect("a film");
+    let picture = "FRAME\n".len() + SIZE[0] * SIZE[1] * 3 / 2;
+    assert!((10..=12).contains(&(read(&film).len() / picture)), "25 a second");
+    assert!(read(&film) == read(&shown), "the same pictures");
+    let refused = vitreo(&["replay", &stream, "--as-recorded"]).expect_code(1).stderr;
+    assert!(refused.contains("imported"), "{refused}");
 }
 
 #[test]

@@ -14,6 +14,7 @@ use protocol::handles::{HandleState, PedalState};
 use protocol::health::{Health, Process, STATE_RUNNING};
 use protocol::inputs::{Hint, Input, InputEvent};
 use protocol::limits::MAX_WAIT_MS;
+use protocol::matches::MatchFrame;
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
 use protocol::scene::SceneHeader;
@@ -113,6 +114,7 @@ fn all_channels<'a>(instance: &Instance) -> Vec<Spray<'a>> {
         plain::<HandleState>(instance, |_| {}),
         plain::<PedalState>(instance, no_button),
         plain::<TrackerFrame>(instance, |_| {}),
+        plain::<MatchFrame>(instance, |_| {}),
         with_payload::<SceneHeader>(instance),
         plain::<StepRecord>(instance, |_| {}),
         with_payload::<CheckpointHeader>(instance),

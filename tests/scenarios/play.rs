@@ -42,8 +42,13 @@ fn level_1_of_navigation_is_finished_by_inputs_alone() {
     // The recording holds every input since the restart: simulated again it gives the same score.
     assert_eq!(scored(&finished, &["--resimulate"])["agrees"], true);
     assert_eq!(scored(&begun, &[])["level"], 2);
-    let replay = vitreo(&["replay", &finished.display().to_string(), "--lockstep"]).expect_code(1);
-    assert!(replay.stderr.contains("--resimulate"), "{}", replay.stderr);
+    // It is replayed, with its picture, though there are no blobs.
+    let (of_desk, stills) = (finished.display().to_string(), folder.path().join("stills"));
+    let drawn = ["--stills", &stills.display().to_string(), "--until", "2", "--every", "1", "--tier", "8"];
+    vitreo(&[&["replay", &of_desk][..], &drawn].concat()).expect_code(0);
+    assert_eq!(std::fs::read_dir(stills).expect("stills").count(), 3);
+    let replay = vitreo(&["replay", &of_desk, "--lockstep", "--assert-tracking", "0.5"]).expect_code(1);
+    assert!(replay.stderr.contains("desk"), "{}", replay.stderr);
     // What was finished is kept, and what was broken off with a mark.
     let results = |words: &[&str]| vitreo(&[&["results", "--store", &store], words].concat());
     let list = results(&["--csv", "-"]).expect_code(0).stdout;

@@ -45,13 +45,14 @@ pub fn instance_name() -> String {
 }
 
 /// Kills a process when it outlives [`WATCHDOG`]; ends when dropped.
-struct Watchdog {
+pub struct Watchdog {
     done: Option<mpsc::Sender<()>>,
     thread: Option<std::thread::JoinHandle<bool>>,
 }
 
 impl Watchdog {
-    fn on(pid: u32) -> Self {
+    /// Watches a process.
+    pub fn on(pid: u32) -> Self {
         let (done, waiting) = mpsc::channel::<()>();
         let thread = std::thread::spawn(move || {
             let late = waiting.recv_timeout(WATCHDOG) == Err(mpsc::RecvTimeoutError::Timeout);
@@ -64,7 +65,7 @@ impl Watchdog {
     }
 
     /// True if the process had to be killed.
-    fn barked(mut self) -> bool {
+    pub fn barked(mut self) -> bool {
         drop(self.done.take());
         self.thread.take().is_some_and(|t| t.join().unwrap_or(true))
     }

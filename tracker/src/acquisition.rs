@@ -205,7 +205,8 @@ impl Acquisition {
         let markers = kept().fold(0u32, |set, m| set | 1 << m.marker).count_ones();
         let cameras = kept().fold(0u32, |set, m| set | 1 << m.camera).count_ones();
         let good = markers >= 3 && cameras >= 2 && fit.blobs >= 6 && fit.outliers * 3 <= fit.blobs;
-        let close = fit.reduced_chi2().is_some_and(|c| c < k::BAD_FIT * k::ACQUISITION_VARIANCE);
+        let close =
+            fit.reduced_chi2().is_some_and(|c| c < input.rig.tuning.bad_fit * k::ACQUISITION_VARIANCE);
         (good && close && is_plausible(input, body, &fit.pose)).then_some(fit)
     }
 

@@ -7,6 +7,7 @@ use crate::observation::{FieldObservation, camera_of, marker_covariance};
 use crate::pose_math::{Matrix6, propagated};
 use crate::projection::{PoseMatrix, pose_jacobian, project_marker};
 use crate::rig_model::RigModel;
+use crate::tuning::Tuning;
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, MAX_CAMERAS};
 
@@ -183,6 +184,7 @@ impl Associator {
         let Some(model) = camera_of(input.rig, field) else { return };
         let (camera, dt_s) = (field.camera, input.dt_s(field));
         let area_scale = input.area_scales[camera];
+        let Tuning { gate, gate_px, .. } = input.rig.tuning;
         let pose = PoseMatrix::from(&propagated(&predicted.pose, &predicted.motion, dt_s));
         for (marker, m) in input.rig.bodies[body].markers.iter().enumerate() {
             let Some(image) = project_marker(m, &pose, model) else { continue };
@@ -190,7 +192,7 @@ impl Associator {
             let spread = jacobian * predicted.covariance * jacobian.transpose();
             for (blob, seen) in field.blobs().iter().enumerate() {
                 let r = seen.pixel - image.pixel;
-                if seen.colour != m.colour || r.norm_squared() > k::GATE_PX * k::GATE_PX {
+                if seen.colour != m.colour || r.norm_squared() > gate_px * gate_px {
                     continue;
                 }
                 let Some(covariance) = marker_covariance(seen, &image, area_scale, k::AREA_RATIO) else {
@@ -203,7 +205,7 @@ impl Associator {
                 // `covariance` grows with a wrong size; the logarithm of its determinant keeps such
                 // a blob from winning because of its own uncertainty.
                 let growth = libm::log((covariance.determinant() / seen.covariance.determinant()).max(1.0));
-                if distance2 < k::GATE && self.candidates.len() < MAX_CANDIDATES {
+                if distance2 < gate && self.candidates.len() < MAX_CANDIDATES {
                     let matched = BlobMatch::new(field, blob, marker, &image, covariance, dt_s);
                     self.candidates.push(Candidate { cost: distance2 + growth, body, matched });
                 } else if r.norm_squared() < k::NEAR_PX * k::NEAR_PX && self.near.len() < MAX_CANDIDATES {

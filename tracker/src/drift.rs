@@ -349,7 +349,7 @@ impl DriftEstimator {
                 self.factor[p * n + p] += 1.0;
             }
             for list in [&mut self.information, &mut self.gradient] {
-                list.iter_mut().for_each(|v| *v *= k::DRIFT_KEPT);
+                list.iter_mut().for_each(|v| *v *= rig.tuning.drift_kept);
             }
         }
         for _ in 0..COLUMNS {
@@ -428,7 +428,7 @@ impl DriftEstimator {
         // Shrunk towards the calibration as far as noise could be the cause (James and Stein 1961).
         let shrinkage = (1.0 - k::DRIFT_NOISE / self.report.evidence.max(k::DRIFT_NOISE)).max(0.0);
         for (applied, solved) in self.applied.iter_mut().zip(&self.right) {
-            let next = *applied + k::DRIFT_STEP * (shrinkage * solved - *applied);
+            let next = *applied + self.nominal.tuning.drift_step * (shrinkage * solved - *applied);
             *applied = next.clamp(-k::DRIFT_LIMIT, k::DRIFT_LIMIT);
         }
         true

@@ -9,7 +9,6 @@
 //! one by one, and the rest is fitted without weights.
 
 use crate::body_filter::BodyFilter;
-use crate::constants as k;
 use crate::observation::FieldObservation;
 use crate::pose_math::{Matrix6, Vector6, box_minus, box_plus, propagated};
 use crate::projection::{MarkerImage, PoseMatrix, pose_jacobian, project_marker};
@@ -213,7 +212,7 @@ impl PoseProblem<'_> {
     /// The residuals at `pose`.
     fn residuals(&self, pose: &Isometry3<f64>, matches: &[BlobMatch]) -> Residuals {
         let mut residuals = Residuals::default();
-        let mut limit = k::OUTLIER * self.variance_scale;
+        let mut limit = self.rig.tuning.outlier * self.variance_scale;
         let placed = self.poses_at_exposures(pose, matches);
         for (i, m) in matches.iter().enumerate().filter(|(_, m)| !m.outlier) {
             let image = placed[m.camera].and_then(|p| self.image(&p, m));
@@ -244,7 +243,8 @@ impl PoseProblem<'_> {
             let Some(image) = self.image(placed, m) else { continue };
             let Some(inverse) = (m.covariance * self.variance_scale).try_inverse() else { continue };
             let r = m.pixel - image.pixel;
-            let weight = if robust { 1.0 / (1.0 + r.dot(&(inverse * r)) / k::ROBUST_SCALE) } else { 1.0 };
+            let weight =
+                if robust { 1.0 / (1.0 + r.dot(&(inverse * r)) / self.rig.tuning.robust_scale) } else { 1.0 };
             let jacobian = pose_jacobian(&image, placed);
             let weighted = jacobian.transpose() * (inverse * weight);
             information += weighted * jacobian;

@@ -17,10 +17,10 @@ mod transition;
 
 use crate::block_matrix::{self, add_block, product, transpose};
 use crate::constants as k;
-use crate::motion_models::{Oscillator, Singer, VoluntaryMotion};
 use crate::pose_math::{Matrix6, box_minus, exp};
+use crate::tuning::Tuning;
 use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use transition::StateTransition;
+use transition::{PLAY_MODEL, StateTransition, roll_model, roll_tremor_model, tremor_model, voluntary_model};
 
 /// Number of oscillators of the tremor.
 const TREMORS: usize = k::TREMOR_HZ.len();
@@ -66,26 +66,18 @@ pub struct InstrumentFilter {
     covariance: [Row; N],
     /// Instant of the state, ns.
     pub time_ns: u64,
-}
-
-const PLAY_MODEL: Oscillator = Oscillator { omega: k::PLAY_RAD_S, damping: k::PLAY_DAMPING };
-const ROLL_MODEL: Singer = Singer { sigma: k::TURN_ACCELERATION_RAD_S2, tau_s: k::TURN_ACCELERATION_TAU_S };
-
-fn tremor_model(i: usize) -> Oscillator {
-    Oscillator { omega: 2.0 * std::f64::consts::PI * k::TREMOR_HZ[i], damping: k::TREMOR_DAMPING }
-}
-
-fn roll_tremor_model(i: usize) -> Oscillator {
-    Oscillator { omega: 2.0 * std::f64::consts::PI * k::ROLL_TREMOR_HZ[i], damping: k::ROLL_TREMOR_DAMPING }
-}
-
-fn voluntary_model(variance: f64) -> VoluntaryMotion {
-    VoluntaryMotion { sigma: libm::sqrt(variance), tau_s: k::VOLUNTARY_TAU_S }
+    tuning: Tuning,
 }
 
 impl InstrumentFilter {
     /// An instrument just acquired at `pose`. Without a pivot the shaft turns about a free point.
-    pub fn new(pose: &Isometry3<f64>, pose_covariance: &Matrix6, pivot: Option<Pivot>, time_ns: u64) -> Self {
+    pub fn new(
+        pose: &Isometry3<f64>,
+        pose_covariance: &Matrix6,
+        pivot: Option<Pivot>,
+        time_ns: u64,
+        tuning: Tuning,
+    ) -> Self {
         let axis = pose.rotation * Vector3::z();
         let tip = pose.translation.vector;
         let free = Pivot { position: tip + axis * k::FREE_PIVOT_MM, sigma: k::FREE_PLAY_MM, tracked: false };
@@ -101,10 +93,11 @@ impl InstrumentFilter {
             pivot,
             tremor_variance: [k::TREMOR_START_MM * k::TREMOR_START_MM; TREMORS],
             roll_tremor_variance: [k::ROLL_TREMOR_START_RAD * k::ROLL_TREMOR_START_RAD; ROLL_TREMORS],
-            voluntary_variance: k::VOLUNTARY_MM_S2 * k::VOLUNTARY_MM_S2,
+            voluntary_variance: tuning.voluntary_mm_s2 * tuning.voluntary_mm_s2,
             nis_ratio: 1.0,
             covariance: [[0.0; N]; N],
             time_ns,
+            tuning,
         };
         filter.vectors[0] = tip;
         filter.vectors[PLAY] = axis * lever - to_pivot;
@@ -124,7 +117,7 @@ impl InstrumentFilter {
         let roll = (axis.transpose() * rotation * axis)[0];
         let tilt = (rotation.trace() - roll).max(0.0);
         let play = self.pivot.sigma * self.pivot.sigma;
-        let voluntary = voluntary_model(self.voluntary_variance);
+        let voluntary = voluntary_model(self.voluntary_variance, &self.tuning);
         let lag = 1.0 / (voluntary.tau_s * voluntary.tau_s);
         for axis in 0..3 {
             let mut put = |vector: usize, variance: f64| p[3 * vector + axis][3 * vector + axis] = variance;
@@ -133,14 +126,17 @@ impl InstrumentFilter {
             put(3, self.voluntary_variance * lag);
             for (i, variance) in self.tremor_variance.iter().enumerate() {
                 put(TREMOR + 2 * i, *variance);
-                put(TREMOR + 2 * i + 1, variance * tremor_model(i).omega * tremor_model(i).omega);
+                put(
+                    TREMOR + 2 * i + 1,
+                    variance * tremor_model(i, &self.tuning).omega * tremor_model(i, &self.tuning).omega,
+                );
             }
             put(PLAY, play + tilt * lever * lever + position.trace());
             put(PLAY + 1, play * k::PLAY_RAD_S * k::PLAY_RAD_S);
         }
         p[ROLL][ROLL] = roll;
         p[ROLL + 1][ROLL + 1] = k::START_TURN_RAD_S * k::START_TURN_RAD_S;
-        p[ROLL + 2][ROLL + 2] = ROLL_MODEL.sigma * ROLL_MODEL.sigma;
+        p[ROLL + 2][ROLL + 2] = roll_model(&self.tuning).sigma * roll_model(&self.tuning).sigma;
         for (i, variance) in self.roll_tremor_variance.iter().enumerate() {
             let (first, omega) = (ROLL_TREMOR + 2 * i, roll_tremor_model(i).omega);
             p[first][first] = *variance;
@@ -184,7 +180,7 @@ impl InstrumentFilter {
     pub fn pose_after(&self, dt: f64) -> Isometry3<f64> {
         let mut ahead = (self.vectors, self.rotation, self.roll_tremor);
         if dt != 0.0 {
-            ahead = self.propagated(&StateTransition::new(dt), &self.pivot);
+            ahead = self.propagated(&StateTransition::new(dt, &self.tuning), &self.pivot);
         }
         Isometry3::from_parts(Translation3::from(tip_of(&ahead.0)), ahead.1)
     }
@@ -218,7 +214,7 @@ impl InstrumentFilter {
         self.adapt_variances(whole_ns as f64 * 1e-9);
         let steps = whole_ns.div_ceil(k::LONGEST_STEP_NS);
         let dt = whole_ns as f64 * 1e-9 / steps as f64;
-        let step = StateTransition::new(dt);
+        let step = StateTransition::new(dt, &self.tuning);
         let target = self.next_pivot(pivot);
         for i in 1..=steps {
             if i == steps {
@@ -254,18 +250,22 @@ impl InstrumentFilter {
     }
 
     fn add_noise(&mut self, step: &StateTransition, dt: f64) {
-        let voluntary = voluntary_model(self.voluntary_variance).noise(dt);
+        let voluntary = voluntary_model(self.voluntary_variance, &self.tuning).noise(dt);
         let play = PLAY_MODEL.noise(&step.play, self.pivot.sigma * self.pivot.sigma);
         let p = &mut self.covariance;
         for axis in 0..3 {
             add_block(p, [axis, axis + 3, axis + 6, axis + 9], &voluntary);
             for (i, f) in step.tremor.iter().enumerate() {
                 let first = 3 * (TREMOR + 2 * i) + axis;
-                add_block(p, [first, first + 3], &tremor_model(i).noise(f, self.tremor_variance[i]));
+                add_block(
+                    p,
+                    [first, first + 3],
+                    &tremor_model(i, &self.tuning).noise(f, self.tremor_variance[i]),
+                );
             }
             add_block(p, [3 * PLAY + axis, 3 * PLAY + 3 + axis], &play);
         }
-        add_block(p, [ROLL, ROLL + 1, ROLL + 2], &ROLL_MODEL.noise(dt));
+        add_block(p, [ROLL, ROLL + 1, ROLL + 2], &roll_model(&self.tuning).noise(dt));
         for (i, f) in step.roll_tremor.iter().enumerate() {
             let first = ROLL_TREMOR + 2 * i;
             add_block(p, [first, first + 1], &roll_tremor_model(i).noise(f, self.roll_tremor_variance[i]));
@@ -281,10 +281,10 @@ impl InstrumentFilter {
             let variance: f64 = (0..3).map(|axis| p[3 * vector + axis][3 * vector + axis]).sum();
             (state + variance) / 3.0
         };
-        let share = (dt / k::TREMOR_LEARNING_S).min(0.2);
+        let share = (dt / self.tuning.tremor_learning_s).min(0.2);
         let mut tremor = self.tremor_variance;
         for (i, variance) in tremor.iter_mut().enumerate() {
-            let omega = tremor_model(i).omega;
+            let omega = tremor_model(i, &self.tuning).omega;
             let now = 0.5 * (square(TREMOR + 2 * i) + square(TREMOR + 2 * i + 1) / (omega * omega));
             *variance += share * (now - *variance);
             *variance = variance.clamp(k::TREMOR_RANGE_MM2.0, k::TREMOR_RANGE_MM2.1);
@@ -298,7 +298,7 @@ impl InstrumentFilter {
             *variance += share * (now - *variance);
             *variance = variance.clamp(k::ROLL_TREMOR_RANGE_RAD2.0, k::ROLL_TREMOR_RANGE_RAD2.1);
         }
-        let share = (dt / k::VOLUNTARY_LEARNING_S).min(0.2);
+        let share = (dt / self.tuning.voluntary_learning_s).min(0.2);
         let voluntary = self.voluntary_variance + share * (square(2) - self.voluntary_variance);
         (self.tremor_variance, self.roll_tremor_variance) = (tremor, roll_tremor);
         self.voluntary_variance = voluntary.clamp(k::VOLUNTARY_RANGE_MM2_S4.0, k::VOLUNTARY_RANGE_MM2_S4.1);

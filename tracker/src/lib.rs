@@ -16,7 +16,8 @@
 //!
 //! [`predictor`] extrapolates the tips beyond the frame, [`drift`] estimates how far the rig has
 //! moved since its calibration, [`camera_watch`] leaves out cameras that were knocked and finds where
-//! they stand, and [`rig_check`] refuses rigs that cannot work.
+//! they stand, [`match_log`] records what became of every blob, and [`rig_check`] refuses rigs that cannot
+//! work.
 
 pub mod acquisition;
 #[cfg(test)]
@@ -33,6 +34,7 @@ pub mod drift;
 pub mod eye_filter;
 pub mod fit;
 pub mod instrument_filter;
+pub mod match_log;
 pub mod motion_models;
 pub mod observation;
 pub mod pose_math;
@@ -47,6 +49,8 @@ pub mod roll_recovery;
 pub mod stream;
 pub mod track;
 pub mod tracker;
+pub mod tuning;
 pub mod ud_covariance;
 
 pub use tracker::{Reference, Tracker, TrackerSnapshot};
+pub use tuning::Tuning;

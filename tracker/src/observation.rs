@@ -4,6 +4,7 @@ use crate::checkpoint::{Done, Loader, Saver, require};
 use crate::constants as k;
 use crate::projection::MarkerImage;
 use crate::rig_model::RigModel;
+use crate::tuning::Tuning;
 use nalgebra::{Matrix2, Vector2};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, Blob, BlobField, DEFAULT_VARIANCE_PX2};
 use protocol::limits::MAX_BLOBS;
@@ -39,6 +40,8 @@ pub struct FieldObservation {
     pub count: usize,
     /// Set of the blobs assigned to a body.
     pub assigned: u64,
+    /// Index of each valid blob in the message; only of the field that was taken over last.
+    pub source: [u8; MAX_BLOBS],
 }
 
 /// A 64-bit mask holds every blob of a field.
@@ -55,18 +58,26 @@ impl FieldObservation {
             colour: 0,
             flags: 0,
         };
-        FieldObservation { camera, exposed_ns: 0, blobs: [none; MAX_BLOBS], count: 0, assigned: 0 }
+        FieldObservation {
+            camera,
+            exposed_ns: 0,
+            blobs: [none; MAX_BLOBS],
+            count: 0,
+            assigned: 0,
+            source: [0; MAX_BLOBS],
+        }
     }
 
     /// Takes over the blobs of a field. Returns how many were ignored: not finite, without size, or
     /// far outside of the frame.
-    pub fn fill(&mut self, field: &BlobField, camera: &Camera) -> u32 {
+    pub fn fill(&mut self, field: &BlobField, camera: &Camera, tuning: &Tuning) -> u32 {
         self.exposed_ns = field.exposed_ns;
         self.count = 0;
         self.assigned = 0;
-        for blob in field.blobs() {
-            if let Some(seen) = observe_blob(blob, field, camera) {
+        for (index, blob) in field.blobs().iter().enumerate() {
+            if let Some(seen) = observe_blob(blob, field, camera, tuning) {
                 self.blobs[self.count] = seen;
+                self.source[self.count] = index as u8;
                 self.count += 1;
             }
         }
@@ -75,7 +86,7 @@ impl FieldObservation {
 
     /// Writes the valid blobs.
     pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
-        let FieldObservation { camera: _, exposed_ns, blobs: _, count, assigned } = self;
+        let FieldObservation { camera: _, exposed_ns, blobs: _, count, assigned, source: _ } = self;
         out.put(&[*exposed_ns, *assigned, *count as u64])?;
         for BlobObservation { pixel, covariance, area_px, width_px, colour, flags } in self.blobs() {
             out.numbers(pixel.iter().chain(covariance).chain([area_px, width_px]))?;
@@ -103,6 +114,11 @@ impl FieldObservation {
         &self.blobs[..self.count]
     }
 
+    /// Index of each valid blob in the message, rising.
+    pub fn sources(&self) -> &[u8] {
+        &self.source[..self.count]
+    }
+
     /// True if the blob is assigned to no body.
     pub fn is_unassigned(&self, blob: usize) -> bool {
         self.assigned & (1 << blob) == 0
@@ -117,7 +133,7 @@ impl FieldObservation {
 /// Largest distance of a blob from the frame, px; its centre is then extrapolated.
 const BORDER_PX: f64 = 8.0;
 
-fn observe_blob(blob: &Blob, field: &BlobField, camera: &Camera) -> Option<BlobObservation> {
+fn observe_blob(blob: &Blob, field: &BlobField, camera: &Camera, tuning: &Tuning) -> Option<BlobObservation> {
     let pixel = Vector2::new(blob.x_px, field.y_frame_px(blob));
     let [w, h] = camera.size_px.map(f64::from);
     let inside =
@@ -128,7 +144,7 @@ fn observe_blob(blob: &Blob, field: &BlobField, camera: &Camera) -> Option<BlobO
     }
     Some(BlobObservation {
         pixel,
-        covariance: covariance_of(blob),
+        covariance: covariance_of(blob, tuning),
         area_px: blob.area_px,
         width_px: blob.width_px,
         colour: blob.colour,
@@ -137,12 +153,14 @@ fn observe_blob(blob: &Blob, field: &BlobField, camera: &Camera) -> Option<BlobO
 }
 
 /// The stream's covariance, clamped; the default for the blob's area where the stream has none.
-fn covariance_of(blob: &Blob) -> Matrix2<f64> {
+fn covariance_of(blob: &Blob, tuning: &Tuning) -> Matrix2<f64> {
     let given = [blob.var_x_px2, blob.var_y_px2, blob.cov_xy_px2];
     let (low, high) = k::VARIANCE_RANGE_PX2;
     if given == [DEFAULT_VARIANCE_PX2, DEFAULT_VARIANCE_PX2, 0.0] || !given.iter().all(|v| v.is_finite()) {
         let area = blob.area_px.clamp(k::SIGMA_AREA_PX.0, k::SIGMA_AREA_PX.1);
-        return Matrix2::from_diagonal(&Vector2::new(k::SIGMA_X_PX, k::SIGMA_Y_PX).map(|s| s * s / area));
+        return Matrix2::from_diagonal(
+            &Vector2::new(tuning.sigma_x_px, tuning.sigma_y_px).map(|s| s * s / area),
+        );
     }
     let (xx, yy) = (given[0].clamp(low, high), given[1].clamp(low, high));
     let limit = 0.95 * libm::sqrt(xx * yy);

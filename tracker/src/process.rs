@@ -16,6 +16,7 @@ use protocol::blobs::BlobField;
 use protocol::control::Command;
 use protocol::health::{Process, STATE_DEGRADED};
 use protocol::limits::{FIELD_PERIOD_NS, MAX_FIELDS_USED};
+use protocol::matches::MatchFrame;
 use protocol::message::Message;
 use protocol::poses::{ClosedBy, TrackerFrame};
 use protocol::time::Nanos;
@@ -34,6 +35,7 @@ pub fn run(config: &Config) -> anyhow::Result<()> {
 struct TrackerProcess {
     blobs: Receiver<BlobField>,
     poses: Sender<TrackerFrame>,
+    matches: Sender<MatchFrame>,
     saving: Saving,
     shell: Shell,
     assembler: FrameAssembler,
@@ -56,6 +58,7 @@ impl TrackerProcess {
         Ok(TrackerProcess {
             blobs: instance.receiver(Queue::InOrder)?,
             poses: instance.sender()?,
+            matches: instance.sender()?,
             saving: Saving::open(&instance, &tracker)?,
             shell,
             assembler: FrameAssembler::new(&rig),
@@ -108,6 +111,8 @@ impl TrackerProcess {
             return Ok(());
         }
         self.poses.send(&frame)?;
+        // After the poses, which somebody waits for.
+        self.matches.send(self.tracker.matches())?;
         self.saving.save_if_due(&self.tracker, &frame)
     }
 

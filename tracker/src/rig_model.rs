@@ -3,6 +3,7 @@
 use crate::constants as k;
 use crate::eye_filter::StartSigmas;
 use crate::motion_models::Singer;
+use crate::tuning::Tuning;
 use nalgebra::{Point3, Vector3};
 use protocol::limits::{BODIES, MAX_CAMERAS, MAX_MARKERS};
 use protocol::poses::{BODY_NAMES, EYE};
@@ -57,6 +58,8 @@ pub struct BodyModel {
     pub motion: [Singer; 2],
     /// Initial standard deviations of the motion.
     pub start: StartSigmas,
+    /// Constants that may be set.
+    pub tuning: Tuning,
 }
 
 /// Cameras and bodies of a rig.
@@ -70,11 +73,18 @@ pub struct RigModel {
     pub tip_radius: f64,
     /// True if the instruments have no colour in common.
     pub distinct_colours: bool,
+    /// Constants that may be set.
+    pub tuning: Tuning,
 }
 
 impl RigModel {
     /// The model of a checked rig.
     pub fn new(rig: &Rig) -> Self {
+        Self::tuned(rig, &Tuning::default())
+    }
+
+    /// As [`RigModel::new`], with other constants.
+    pub fn tuned(rig: &Rig, tuning: &Tuning) -> Self {
         let mut cameras = [const { None }; MAX_CAMERAS];
         for camera in rig.cameras() {
             let id = camera.id as usize;
@@ -84,7 +94,7 @@ impl RigModel {
         }
         let bodies = std::array::from_fn(|b| {
             let body = rig.body(BODY_NAMES[b]).expect("Rig::check has seen every body");
-            let mut model = BodyModel::new(body, b == EYE);
+            let mut model = BodyModel::new(body, b == EYE, tuning);
             let trocar = rig.trocar(BODY_NAMES[b]);
             model.trocar = trocar.map(|t| TrocarModel {
                 position_in_eye: Point3::from(Vector3::from(t.p_eye)),
@@ -93,7 +103,8 @@ impl RigModel {
             model
         });
         let distinct_colours = !share_colour(&bodies[0], &bodies[1]);
-        RigModel { cameras, bodies, tip_radius: rig.workspace.tip_radius, distinct_colours }
+        let tip_radius = rig.workspace.tip_radius;
+        RigModel { cameras, bodies, tip_radius, distinct_colours, tuning: *tuning }
     }
 }
 
@@ -103,7 +114,7 @@ fn share_colour(a: &BodyModel, b: &BodyModel) -> bool {
 }
 
 impl BodyModel {
-    fn new(body: &RigBody, is_eye: bool) -> Self {
+    fn new(body: &RigBody, is_eye: bool, tuning: &Tuning) -> Self {
         let markers: Vec<Marker> = body
             .markers
             .iter()
@@ -115,7 +126,7 @@ impl BodyModel {
                 band: m.kind == MarkerKind::Band,
             })
             .collect();
-        let turn = Singer { sigma: k::EYE_ACCELERATION_RAD_S2, tau_s: k::EYE_ACCELERATION_TAU_S };
+        let turn = Singer { sigma: tuning.eye_acceleration_rad_s2, tau_s: tuning.eye_acceleration_tau_s };
         let start = [0.0, 0.0, k::START_EYE_TURN_RAD_S, turn.sigma];
         BodyModel {
             triples: triples(&markers),
@@ -125,6 +136,7 @@ impl BodyModel {
             is_eye,
             motion: [Singer { sigma: 0.0, tau_s: turn.tau_s }, turn],
             start,
+            tuning: *tuning,
         }
     }
 

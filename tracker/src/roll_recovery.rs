@@ -221,7 +221,7 @@ mod tests {
             let mut field = BlobField::zeroed();
             (field.camera, field.exposed_ns) = (camera.id, 20_000_000);
             field.push(camera.blob_of_ball(&point, marker.r, marker.colour, field.parity).unwrap());
-            fields[camera.id as usize].fill(&field, camera);
+            fields[camera.id as usize].fill(&field, camera, &crate::Tuning::default());
         }
         fields
     }

@@ -3,7 +3,9 @@
 use crate::assembler::{ClosedFrame, FrameAssembler};
 use crate::report::Report;
 use crate::tracker::Tracker;
+use crate::tuning::Tuning;
 use protocol::blobs::BlobField;
+use protocol::matches::MatchFrame;
 use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
 use rig::Rig;
@@ -19,12 +21,17 @@ pub struct StreamTracker {
 impl StreamTracker {
     /// For a checked rig.
     pub fn new(rig: &Rig) -> Self {
-        let (assembler, tracker) = (FrameAssembler::new(rig), Tracker::new(rig));
+        Self::tuned(rig, &Tuning::default())
+    }
+
+    /// As [`StreamTracker::new`], with other constants.
+    pub fn tuned(rig: &Rig, tuning: &Tuning) -> Self {
+        let (assembler, tracker) = (FrameAssembler::new(rig), Tracker::tuned(rig, true, tuning));
         StreamTracker { assembler, tracker, told: Report::default(), now_ns: 0 }
     }
 
     /// Takes the next field, and hands every frame that it closes to `visit`, with the fields that the
-    /// frame used and how it was closed. A refused field is only counted.
+    /// frame used, how it was closed and what became of the blobs. A refused field is only counted.
     pub fn push(&mut self, field: &BlobField, mut visit: impl Visit) {
         self.now_ns = self.now_ns.max(field.blobs_out_ns);
         while let Some(closed) = self.assembler.expired(self.now_ns) {
@@ -57,18 +64,19 @@ impl StreamTracker {
         let used = self.assembler.used();
         let frame = self.tracker.track(used, &closed.reference);
         self.told.tell(&mut self.tracker);
-        visit(frame, used, closed);
+        visit(frame, used, closed, self.tracker.matches());
     }
 }
 
 /// What is done with a frame.
-pub trait Visit: FnMut(TrackerFrame, &[BlobField], &ClosedFrame) {}
-impl<F: FnMut(TrackerFrame, &[BlobField], &ClosedFrame)> Visit for F {}
+pub trait Visit: FnMut(TrackerFrame, &[BlobField], &ClosedFrame, &MatchFrame) {}
+impl<F: FnMut(TrackerFrame, &[BlobField], &ClosedFrame, &MatchFrame)> Visit for F {}
 
 /// Tracks a whole stream and hands every frame with the fields it used to `visit`.
 pub fn track_stream(rig: &Rig, fields: &[BlobField], mut visit: impl FnMut(&TrackerFrame, &[BlobField])) {
     let mut stream = StreamTracker::new(rig);
-    let mut visit = |frame: TrackerFrame, used: &[BlobField], _: &ClosedFrame| visit(&frame, used);
+    let mut visit =
+        |frame: TrackerFrame, used: &[BlobField], _: &ClosedFrame, _: &MatchFrame| visit(&frame, used);
     fields.iter().for_each(|field| stream.push(field, &mut visit));
     stream.finish(visit);
 }

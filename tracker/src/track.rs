@@ -135,16 +135,17 @@ impl Track {
         self.frame.near_misses += near_misses;
     }
 
-    /// Updates the filter with a fit. False if the fit was refused.
+    /// Updates the filter with a fit. False if the fit was refused, as where its reduced χ² is above `bad_fit`.
     pub fn update(
         &mut self,
         fit: &PoseFit,
         prior_information: &Matrix6,
         matches: &[BlobMatch],
         time_ns: u64,
+        bad_fit: f64,
     ) -> bool {
         let reduced = fit.reduced_chi2();
-        let limit = k::BAD_FIT * self.variance_scale;
+        let limit = bad_fit * self.variance_scale;
         let mostly_outliers = fit.outliers > fit.blobs;
         self.frame.outliers += fit.outliers as u32;
         if mostly_outliers || reduced.is_some_and(|c| c > limit) {
@@ -254,7 +255,8 @@ impl Track {
         let trace = |m: Matrix3<f64>| libm::sqrt(m.trace().max(0.0));
         let position = trace(covariance.fixed_view::<3, 3>(0, 0).into());
         let rotation = trace(covariance.fixed_view::<3, 3>(3, 3).into());
-        let precise = (model.is_eye || position < k::MEASURED_MM) && rotation < k::MEASURED_RAD;
+        let precise =
+            (model.is_eye || position < model.tuning.measured_mm) && rotation < model.tuning.measured_rad;
         let recent = self.measured_ns.saturating_sub(self.good_ns) <= k::ONE_CAMERA_NS;
         // One marker alone may be a false blob.
         if self.frame.markers.count_ones() >= 2 && recent && precise {

@@ -13,12 +13,15 @@ use crate::constants as k;
 use crate::drift::{DriftEstimator, DriftReport};
 use crate::fit::PoseFit;
 use crate::instrument_filter::Pivot;
+use crate::match_log::MatchLog;
 use crate::observation::FieldObservation;
 use crate::rig_model::RigModel;
 use crate::track::Track;
+use crate::tuning::Tuning;
 use bytemuck::Zeroable;
 use protocol::blobs::BlobField;
 use protocol::limits::{BODIES, MAX_CAMERAS, MAX_FIELDS_USED};
+use protocol::matches::MatchFrame;
 use protocol::poses::{BodyStatus, ClosedBy, EYE, FieldUsed, TrackerFrame};
 use protocol::time::Nanos;
 use rig::Rig;
@@ -55,6 +58,7 @@ pub struct Tracker {
     area_scales: [f64; MAX_CAMERAS],
     associator: Associator,
     acquisition: Acquisition,
+    matches: MatchLog,
     last_ns: u64,
     frame: u64,
     /// Set of the cameras whose fields are in the present frame.
@@ -88,8 +92,13 @@ impl Tracker {
 
     /// A fresh tracker for a checked rig; without `estimate_drift` the rig file is trusted.
     pub fn with(rig: &Rig, estimate_drift: bool) -> Self {
-        let fingerprint = saved::fingerprint(rig, estimate_drift);
-        let rig = RigModel::new(rig);
+        Tracker::tuned(rig, estimate_drift, &Tuning::default())
+    }
+
+    /// As [`Tracker::with`], with other constants.
+    pub fn tuned(rig: &Rig, estimate_drift: bool, tuning: &Tuning) -> Self {
+        let fingerprint = saved::fingerprint(rig, estimate_drift, tuning);
+        let rig = RigModel::tuned(rig, tuning);
         Tracker {
             fingerprint,
             drift: estimate_drift.then(|| DriftEstimator::new(&rig)),
@@ -101,11 +110,17 @@ impl Tracker {
             area_scales: [1.0; MAX_CAMERAS],
             associator: Associator::default(),
             acquisition: Acquisition::default(),
+            matches: MatchLog::default(),
             last_ns: 0,
             frame: 0,
             cameras_in_frame: 0,
             blobs_refused: 0,
         }
+    }
+
+    /// What became of the blobs of the newest frame.
+    pub fn matches(&self) -> &MatchFrame {
+        self.matches.frame()
     }
 
     /// Blobs ignored since the start: not finite, without size or far outside of the frame.
@@ -153,8 +168,9 @@ impl Tracker {
         let mut frame = self.begin_frame(reference);
         let mut newest = None;
         for group in groups(used) {
-            if let Some(update) = self.update(group, reference) {
-                self.recycle(newest.replace(update));
+            match self.update(group, reference) {
+                Some(update) => self.recycle(newest.replace(update)),
+                None => self.matches.note_unknown(group),
             }
             self.list_fields(group, &mut frame);
         }
@@ -168,10 +184,12 @@ impl Tracker {
     fn update(&mut self, fields: &[BlobField], reference: &Reference) -> Option<Update> {
         let group = self.observe(fields, reference)?;
         self.predict(group.time_ns);
-        let group = self.admit(group);
-        let (group, association) = self.associate(group);
+        let prior = self.predictions();
+        let admitted = self.admit(group);
+        let (group, association) = self.associate(admitted);
         let estimate = self.estimate(group, association);
         let accepted = self.filter(group, &estimate);
+        self.note_matches(fields, [admitted, group], &prior, &estimate, &accepted);
         self.watch_cameras(group);
         self.acquire(group);
         Some(Update { association: estimate.association, accepted })
@@ -184,6 +202,7 @@ impl Tracker {
         frame.frame = self.frame;
         frame.instants.exposed = reference.exposed_ns;
         self.frame += 1;
+        self.matches.begin(&frame);
         self.cameras_in_frame = 0;
         for track in self.tracks.iter_mut() {
             track.begin_frame();

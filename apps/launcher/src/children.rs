@@ -4,16 +4,16 @@
 //! the end is in order; `--supervised` makes it end with its parent. Start children from the main
 //! thread: the kernel ties them to the thread that started them.
 
-mod binaries;
 mod output;
+mod scheduler;
 
-pub use binaries::{command, find_binary, realtime_allowed};
 pub use output::LineSender;
+pub use scheduler::realtime_allowed;
 
 use crate::runtime::{StopSignal, Wakeups};
 use anyhow::{Context, bail};
 use ipc::logging::{arguments, is_json};
-use ipc::{Receiver, Sender, instance_directory, wait};
+use ipc::{Receiver, Sender, instance_directory, programs, wait};
 use output::Output;
 use protocol::control::{Command as ControlCommand, EVERY_PROCESS, Request};
 use protocol::health::{Health, Process, STATE_STARTING};
@@ -84,9 +84,9 @@ impl Child {
         let realtime = surroundings.realtime && realtime_allowed();
         let program = match &surroundings.program {
             Some(program) => program.clone(),
-            None => find_binary(process.binary())?,
+            None => programs::find(process.binary())?,
         };
-        let mut command = binaries::scheduled_command(&program, realtime);
+        let mut command = scheduler::scheduled_command(&program, realtime);
         command.args(["--instance", instance, "--supervised"]).args(arguments()).args(args);
         for (name, value) in &surroundings.environment {
             if std::env::var_os(name).is_none() {

@@ -3,11 +3,11 @@
 //! The camera's, the calibration's and the renderer's programs have commands of their own and are
 //! asked what these take.
 
-use crate::children::command;
 use crate::programs::{SETTINGS, WITH_SETTINGS};
 use anyhow::Context;
 use clap::Command;
 use ipc::logging::inform;
+use ipc::programs::command;
 use outputs::printable;
 use outputs::{Force, Outputs, print, println};
 use serde::Serialize;

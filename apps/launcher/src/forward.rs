@@ -1,8 +1,8 @@
 //! Sub-commands that belong to another crate: its binary takes over.
 
-use crate::children::command;
 use anyhow::Context;
 use ipc::logging::arguments;
+use ipc::programs::command;
 use settings::{SettingsArgs, TOLD};
 use std::ffi::OsString;
 use std::os::unix::process::CommandExt;

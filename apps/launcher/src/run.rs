@@ -46,7 +46,7 @@ use options::{View, open_store};
 use outputs::{Outputs, print};
 use protocol::budget::Stage;
 use protocol::steps::STATE_HASH_VERSION;
-use recording::{DESK, Provenance, STATE_HASH, TRACKER, TRACKER_VERSION};
+use recording::{DESK, Provenance, REALTIME_OFFSET, STATE_HASH, TRACKER, TRACKER_VERSION};
 use report::{Report, Versions};
 use results::keeping::{BEGAN, SURGEON, keep, seconds_since_1970};
 use results::scored::live_text;
@@ -145,6 +145,7 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
     let config = [
         ("module", args.training.module.as_ref().map(|m| module(args, m, scripted))),
         (BEGAN, Some(seconds_since_1970(SystemTime::now()).to_string())),
+        (REALTIME_OFFSET, Some(ipc::clock::realtime_offset_ns().to_string())),
         (SURGEON, scripted.then(|| args.training.surgeon.clone())),
         (
             DESK,

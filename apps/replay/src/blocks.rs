@@ -24,6 +24,11 @@ impl Blocks {
         Blocks { writer: SceneWriter::new(world), payload: vec![0; bytes.div_ceil(size_of::<u128>())] }
     }
 
+    /// Bytes of the largest payload.
+    pub fn capacity(&self) -> usize {
+        self.payload.len() * size_of::<u128>()
+    }
+
     /// To be called when the world was reset or restored.
     pub fn forget(&mut self) {
         self.writer.forget();

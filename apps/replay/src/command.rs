@@ -2,16 +2,20 @@
 //! pace or as fast as it can be computed, and is compared, counted and written.
 
 use crate::engine::{Made, Recorded, Streamed, stream};
+use crate::film::PICTURES_PER_S;
+use crate::interactive;
 use crate::pace::{Pace, Part, Stopped};
 use crate::report::{Figures, Products};
 use crate::resimulate::scene_of;
+use crate::screen::Screen;
 use crate::stop::StopSignal;
 use crate::verify::Verdict;
+use crate::what_if;
 use anyhow::{Context, bail};
 use collision::backend::Backend;
 use diagnosis::untracked;
 use ipc::clock::now;
-use ipc::logging::warn;
+use ipc::logging::{inform, warn};
 use outputs::exit::{DIFFERS, LOSS, UNTRACKED};
 use outputs::println;
 use recording::{Recording, RecordingError, Source};
@@ -28,18 +32,26 @@ use std::time::Instant;
 /// # Errors
 /// Where the recording cannot be read or replayed, or a file cannot be written.
 pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
+    if what_if::is_wanted(&args.what_if) {
+        return what_if::run(args);
+    }
     let recording = Recording::open(&args.file)?;
     let desk = recording.provenance().config.contains_key(recording::DESK);
     check(args, &recording, desk)?;
+    if args.is_watched() {
+        return interactive::run(args, &recording, &StopSignal::install().context("signals")?);
+    }
     let rig = Rig::parse(&recording.provenance().rig_json, "of the recording")?;
     tracker::rig_check::check(&rig).context("the recording's rig cannot work")?;
     let mut products = Products::open(args, &rig)?;
     products.figures.desk = desk;
     let verdict = args.verify.then(|| Verdict::new(recording.provenance(), desk));
     let stop = StopSignal::install().context("signals")?;
-    let mut replay =
-        Replay { args, recording: &recording, rig, pace: Pace::new(args, &stop), products, verdict };
-    let stopped = match replay.play() {
+    let pace = Pace::new(args, &stop);
+    let mut replay = Replay { args, recording: &recording, rig, pace, products, verdict, screen: None };
+    let played = replay.play();
+    let pictures = replay.screen.take().map(Screen::finish).transpose()?;
+    let stopped = match played {
         Ok(damage) => {
             let figures = &mut replay.products.figures;
             figures.cut = matches!(damage.as_deref(), Some(RecordingError::Truncated { .. }));
@@ -54,7 +66,8 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     products.figures.verify = verdict;
     let figures = products.finish()?;
     print(&figures);
-    if stopped && args.lockstep {
+    pictures.iter().for_each(|pictures| print_pictures(args, *pictures));
+    if stopped && args.is_unpaced() {
         bail!(Stopped);
     }
     judge(args, &figures)
@@ -63,11 +76,11 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
 /// Refuses what cannot be asked of a recording.
 fn check(args: &ReplayArgs, recording: &Recording, desk: bool) -> anyhow::Result<()> {
     let file = args.file.display();
-    if desk && (!args.verify || args.poses.is_some() || args.assert_tracking.is_some()) {
-        bail!(
-            "{file}: made at a desk, without cameras: there are no blobs to replay; --verify alone compares its \
-             states, vitreo score --resimulate simulates it again"
-        );
+    if desk && (args.blobs.is_some() || args.assert_tracking.is_some()) {
+        bail!("{file}: made at a desk, without cameras: there are no blobs, and nothing was tracked");
+    }
+    if args.as_recorded && recording.provenance().source == Source::Import {
+        bail!("{file}: an imported stream holds no poses that could be shown as recorded");
     }
     if args.verify && recording.provenance().source == Source::Import {
         bail!("{file}: an imported stream holds no results to compare with");
@@ -96,13 +109,15 @@ struct Replay<'a> {
     pace: Pace,
     products: Products,
     verdict: Option<Verdict>,
+    screen: Option<Screen>,
 }
 
 impl Replay<'_> {
     /// Replays once or for ever; returns how the recording ends.
     fn play(&mut self) -> anyhow::Result<Option<Arc<RecordingError>>> {
         loop {
-            let (world, begun) = (self.world()?, Instant::now());
+            let world = self.world()?;
+            let begun = Instant::now();
             let outcome = match self.recording.provenance().source {
                 Source::Live => self.recorded(world),
                 Source::Import => self.imported(world),
@@ -117,9 +132,17 @@ impl Replay<'_> {
         }
     }
 
-    /// The world at the start of the recording's scene.
-    fn world(&self) -> anyhow::Result<World> {
-        let mut world = World::new(&scene_of(self.recording)?).context("scene")?.unseen();
+    /// The world at the start of the recording's scene, and the screen on which it is shown.
+    fn world(&mut self) -> anyhow::Result<World> {
+        let scene = scene_of(self.recording)?;
+        let mut world = World::new(&scene).context("scene")?;
+        if self.args.draws() {
+            let outputs = self.products.outputs();
+            self.screen =
+                Some(Screen::begin(self.args, self.recording, (&scene, &world), &self.rig, outputs)?);
+        } else {
+            world = world.unseen();
+        }
         let wanted = self.args.collision.collision.as_deref().and_then(Backend::named).unwrap_or_default();
         if let Some(choice) = world.choose_collision(wanted, &mut now) {
             match wanted == Backend::Gpu && !choice.on_gpu {
@@ -131,7 +154,10 @@ impl Replay<'_> {
     }
 
     fn recorded(&mut self, world: World) -> anyhow::Result<Option<Arc<RecordingError>>> {
-        let run = Recorded::new(self.recording, &self.rig, world);
+        let mut run = Recorded::new(self.recording, &self.rig, world);
+        if self.args.as_recorded {
+            run = run.as_recorded();
+        }
         let mut ended = run.run_to_end(|made| self.take(made))?;
         if let Some(verdict) = &mut self.verdict {
             verdict.states.missing += ended.steps.done.missing;
@@ -150,7 +176,7 @@ impl Replay<'_> {
     /// Takes what came of a recorded run.
     fn take(&mut self, made: Made<'_>) -> anyhow::Result<ControlFlow<()>> {
         match made {
-            Made::Frame(turn, frame) => {
+            Made::Frame(turn, frame, matches) => {
                 let part = self.pace.part(turn.recorded.instants.exposed);
                 if part == Part::After {
                     return Ok(ControlFlow::Break(()));
@@ -161,7 +187,7 @@ impl Replay<'_> {
                     self.pace.await_due(turn.recorded.instants.tracked)?;
                 }
                 turn.fields.iter().try_for_each(|field| self.products.field(field, shown))?;
-                self.products.frame(frame, shown)?;
+                self.products.frame(frame, matches, shown)?;
                 if let (Some(why), None) = (&turn.lost, &self.products.figures.lost) {
                     self.products.figures.lost = Some(format!("field {}: {why}", turn.recorded.field));
                 }
@@ -180,13 +206,16 @@ impl Replay<'_> {
                     verdict.pass_over_steps(again.left_out);
                     verdict.step(&again.recorded, &again.step);
                 }
+                if let Some(screen) = &mut self.screen {
+                    return screen.step(again);
+                }
             }
         }
         Ok(ControlFlow::Continue(()))
     }
 
     fn imported(&mut self, world: World) -> anyhow::Result<Option<Arc<RecordingError>>> {
-        let Replay { recording, rig, pace, products, .. } = self;
+        let Replay { recording, rig, pace, products, screen, .. } = self;
         let damage = stream(recording, rig, world, |made| {
             match made {
                 Streamed::Field(field, _) => {
@@ -199,9 +228,13 @@ impl Replay<'_> {
                     }
                     products.field(field, part == Part::Shown)?;
                 }
-                Streamed::Frame { frame, report, .. } => {
-                    products.frame(frame, pace.part(frame.instants.exposed) == Part::Shown)?;
+                Streamed::Frame { frame, matches, world, report, .. } => {
+                    let part = pace.part(frame.instants.exposed);
+                    products.frame(frame, Some(matches), part == Part::Shown)?;
                     products.step(report.state_hash);
+                    if let Some(screen) = screen.as_mut().filter(|_| part != Part::After) {
+                        return screen.streamed(frame, world, report.state_hash);
+                    }
                 }
             }
             Ok(ControlFlow::Continue(()))
@@ -232,6 +265,7 @@ fn print(figures: &Figures) {
             "{fields_refused} camera-fields refused by the tracker (twice, out of order, unknown camera)"
         );
     }
+    figures.tracking.lines.iter().for_each(|line| println!("{line}"));
     if let Some(verdict) = &figures.verify {
         println!("{}", verdict.text());
         if !verdict.reasons.is_empty() {
@@ -250,6 +284,14 @@ fn print(figures: &Figures) {
     }
     if let Some(damage) = &figures.damage {
         warn(&damage.to_string());
+    }
+}
+
+/// How long the film is, and where it lies.
+fn print_pictures(args: &ReplayArgs, pictures: u64) {
+    inform(&format!("{:.1} s of pictures", pictures as f64 / PICTURES_PER_S));
+    for path in args.video.iter().chain(&args.drawing.stills) {
+        println!("{}", path.display());
     }
 }
 

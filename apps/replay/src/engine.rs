@@ -8,14 +8,18 @@
 pub mod pipelined;
 
 use crate::frames::{FrameTurn, Frames};
-use crate::steps::{StepAgain, Steps};
+use crate::steps::{SavedState, StepAgain, Steps};
+use crate::what_if::tuning_or_default;
 use protocol::blobs::BlobField;
+use protocol::checkpoints::TrackerCheckpointHeader;
+use protocol::matches::MatchFrame;
 use protocol::message::Message;
 use protocol::poses::{ClosedBy, TrackerFrame};
 use protocol::steps::StepInput;
-use recording::{Item, Items, Recording, RecordingError};
+use recording::{CUT, Item, Items, Recording, RecordingError};
 use rig::Rig;
 use simcore::world::{StepReport, World, no_clock};
+use std::collections::VecDeque;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use tracker::assembler::ClosedFrame;
@@ -26,8 +30,9 @@ use tracker::{Reference, Tracker};
 
 /// What comes of a recording, in the order in which it comes about.
 pub enum Made<'a> {
-    /// A recorded frame, and what the tracker makes of its fields.
-    Frame(&'a FrameTurn, &'a TrackerFrame),
+    /// A recorded frame, what the tracker makes of its fields, and what became of their blobs; nothing of a
+    /// desk's.
+    Frame(&'a FrameTurn, &'a TrackerFrame, Option<&'a MatchFrame>),
     /// A step.
     Step(&'a StepAgain<'a>),
 }
@@ -43,19 +48,35 @@ pub struct Recorded {
     pub steps: Steps,
     /// What is wrong with the file first, if something is.
     pub damage: Option<Arc<RecordingError>>,
+    /// The newest frames that the tracker made, which are ahead of their steps.
+    pub(crate) made: VecDeque<Arc<TrackerFrame>>,
+    /// What the tracker knew where the recording was cut, until the frame before that has come.
+    pub(crate) begins_with: Option<(TrackerCheckpointHeader, SavedState)>,
 }
+
+/// Frames that are kept for their steps.
+const FRAMES: usize = 32;
 
 impl Recorded {
     /// At the beginning of `recording`, in a world at the start of its scene.
     pub fn new(recording: &Recording, rig: &Rig, world: World) -> Self {
         let desk = recording.provenance().config.contains_key(recording::DESK);
+        let tuning = tuning_or_default(recording.provenance());
         Recorded {
             items: recording.items(),
-            tracker: (!desk).then(|| (Tracker::new(rig), Report::default())),
+            tracker: (!desk).then(|| (Tracker::tuned(rig, true, &tuning), Report::default())),
             frames: Frames::new(rig.field_period_ns(), desk),
-            steps: Steps::new(world, recording.provenance()),
+            steps: Steps::of(recording, world),
             damage: None,
+            made: VecDeque::new(),
+            begins_with: (!desk).then(|| tracker_at_start(recording)).flatten(),
         }
+    }
+
+    /// With the recorded poses: no tracker makes its own.
+    pub fn as_recorded(mut self) -> Self {
+        self.tracker = None;
+        self
     }
 
     /// Runs it to its end, or until `visit` has enough; true where that was so. The next call goes on from
@@ -99,9 +120,18 @@ impl Recorded {
         }
     }
 
+    /// True for a frame before the place at which the recording was cut; the last of them brings what the
+    /// tracker knew then.
+    pub(crate) fn is_before_beginning(&mut self, turn: &FrameTurn) -> bool {
+        let Recorded { begins_with, tracker, frames, .. } = self;
+        is_before_beginning(begins_with, tracker, frames, turn)
+    }
+
     /// What the tracker makes of a frame; `None` at a desk.
     pub(crate) fn track(&mut self, turn: &mut FrameTurn) -> Option<TrackerFrame> {
-        track_turn(&mut self.tracker, turn, &mut self.frames)
+        let made = track_turn(&mut self.tracker, turn, &mut self.frames)?;
+        keep_newest(&mut self.made, made);
+        Some(made)
     }
 
     /// Does what can be done by now. Where `visit` has enough of frames, their steps follow.
@@ -113,16 +143,68 @@ impl Recorded {
         while flow.is_continue()
             && let Some(mut turn) = self.frames.next_turn()
         {
+            if self.is_before_beginning(&turn) {
+                continue;
+            }
             let made = self.track(&mut turn);
-            flow = visit(Made::Frame(&turn, made.as_ref().unwrap_or(&turn.recorded)))?;
+            let matches = self.tracker.as_ref().map(|(tracker, _)| tracker.matches());
+            flow = visit(Made::Frame(&turn, made.as_ref().unwrap_or(&turn.recorded), matches))?;
         }
-        while let Some(again) = self.steps.next_step() {
+        while let Some(mut again) = self.steps.next_step() {
+            again.made = made_for(&self.made, &again);
             if visit(Made::Step(&again))?.is_break() {
                 return Ok(ControlFlow::Break(()));
             }
         }
         Ok(flow)
     }
+}
+
+/// What the tracker knew where a recording was cut.
+fn tracker_at_start(recording: &Recording) -> Option<(TrackerCheckpointHeader, SavedState)> {
+    if !recording.provenance().config.contains_key(CUT) {
+        return None;
+    }
+    let mut items = recording.items_of(&["tracker-checkpoints"]).filter_map(Result::ok);
+    match items.next() {
+        Some((_, Item::TrackerCheckpoint(header, state))) => Some((header, Arc::new(state))),
+        _ => None,
+    }
+}
+
+/// As [`Recorded::is_before_beginning`].
+fn is_before_beginning(
+    begins_with: &mut Option<(TrackerCheckpointHeader, SavedState)>,
+    tracker: &mut Option<(Tracker, Report)>,
+    frames: &mut Frames,
+    turn: &FrameTurn,
+) -> bool {
+    let Some((header, state)) = begins_with else { return false };
+    let recorded = &turn.recorded;
+    if (recorded.frame, recorded.instants.exposed) != (header.frame, header.exposed_ns) {
+        return true;
+    }
+    let restored = tracker.as_mut().map_or(Ok(()), |(tracker, _)| tracker.restore(state));
+    match restored {
+        Ok(()) => frames.go_on_determined(),
+        Err(problem) => tracing::warn!("what the tracker knew at the cut is of no use: {problem}"),
+    }
+    frames.due.begin_here();
+    *begins_with = None;
+    true
+}
+
+/// Keeps a frame for its step.
+fn keep_newest(newest: &mut VecDeque<Arc<TrackerFrame>>, made: TrackerFrame) {
+    if newest.len() == FRAMES {
+        newest.pop_front();
+    }
+    newest.push_back(Arc::new(made));
+}
+
+/// What the tracker made for the frame of a step.
+fn made_for(newest: &VecDeque<Arc<TrackerFrame>>, step: &StepAgain<'_>) -> Option<Arc<TrackerFrame>> {
+    newest.iter().rfind(|made| made.frame == step.poses.frame).cloned()
 }
 
 /// What the tracker makes of a frame; `None` at a desk.
@@ -146,7 +228,7 @@ fn go_on_over_a_gap(tracker: &mut Tracker, turn: &mut FrameTurn, frames: &mut Fr
 }
 
 /// What a tracker makes of a recorded frame's fields.
-fn track(tracker: &mut Tracker, turn: &FrameTurn) -> TrackerFrame {
+pub(crate) fn track(tracker: &mut Tracker, turn: &FrameTurn) -> TrackerFrame {
     let recorded = &turn.recorded;
     if recorded.frame == 0 {
         tracker.reset();
@@ -167,6 +249,8 @@ pub enum Streamed<'a> {
     Frame {
         /// The frame.
         frame: &'a TrackerFrame,
+        /// What became of its blobs.
+        matches: &'a MatchFrame,
         /// The tracker behind it; `None` where it has made further ones already.
         tracker: Option<&'a Tracker>,
         /// The world behind the step.
@@ -202,11 +286,14 @@ pub fn stream(
         if visit(Streamed::Field(&field, items.bytes_read()))?.is_break() {
             break;
         }
-        tracker.push(&field, |frame, used, closed| made.push(finished(frame, used, closed)));
-        simulate(&mut world, made.drain(..), &tracker, &mut visit)?;
+        tracker
+            .push(&field, |frame, used, closed, m| made.push((finished(frame, used, closed), Box::new(*m))));
+        if simulate(&mut world, made.drain(..), &tracker, &mut visit)?.is_break() {
+            return Ok(None);
+        }
     }
-    tracker.finish(|frame, used, closed| made.push(finished(frame, used, closed)));
-    simulate(&mut world, made.drain(..), &tracker, &mut visit)?;
+    tracker.finish(|frame, used, closed, m| made.push((finished(frame, used, closed), Box::new(*m))));
+    let _ = simulate(&mut world, made.drain(..), &tracker, &mut visit)?;
     Ok(damage)
 }
 
@@ -220,12 +307,12 @@ fn finished(mut frame: TrackerFrame, used: &[BlobField], closed: &ClosedFrame) -
 /// Makes a step of each frame. Without handles and pedal.
 fn simulate(
     world: &mut World,
-    frames: impl ExactSizeIterator<Item = TrackerFrame>,
+    frames: impl ExactSizeIterator<Item = (TrackerFrame, Box<MatchFrame>)>,
     tracker: &StreamTracker,
     visit: &mut impl FnMut(Streamed<'_>) -> anyhow::Result<ControlFlow<()>>,
-) -> anyhow::Result<()> {
+) -> anyhow::Result<ControlFlow<()>> {
     let newest = frames.len().saturating_sub(1);
-    for (i, mut frame) in frames.enumerate() {
+    for (i, (mut frame, matches)) in frames.enumerate() {
         frame.fields_refused = tracker.refused();
         if let Err(invalid) = frame.validate() {
             tracing::error!(field = frame.field, "frame withheld: {invalid}");
@@ -234,9 +321,11 @@ fn simulate(
         let input = StepInput { frame: &frame, handles: &[], pedals: &[] };
         let report = world.step(&input, &mut no_clock);
         let tracker = (i == newest).then(|| tracker.tracker());
-        let _ = visit(Streamed::Frame { frame: &frame, tracker, world, report })?;
+        if visit(Streamed::Frame { frame: &frame, matches: &matches, tracker, world, report })?.is_break() {
+            return Ok(ControlFlow::Break(()));
+        }
     }
-    Ok(())
+    Ok(ControlFlow::Continue(()))
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! `vitreo export`: the contents of a recording as CSV, JSON lines or the rig file, as recorded.
 
+mod matches;
+
 use anyhow::bail;
 use blob_stream::poses_csv::PosesCsv;
 use blob_stream::write_line;
@@ -7,6 +9,8 @@ use bytemuck::pod_read_unaligned;
 use ipc::logging::warn;
 use outputs::progress::bytes_bar;
 use outputs::{OutputFile, STDOUT, csv_cell};
+use protocol::matches::MatchFrame;
+use protocol::message::Message;
 use protocol::time::Nanos;
 use protocol::wire::{Kind, Layout, Role};
 use recording::{Item, Recording};
@@ -84,8 +88,10 @@ impl Tables {
             _ => {}
         }
         if let Some((_, out)) = self.table.as_mut().filter(|(topic, _)| item.topic() == topic) {
-            writeln!(out, "{log_time},{}", row(item))?;
-            self.counts[2] += 1;
+            for row in rows(item) {
+                writeln!(out, "{log_time},{row}")?;
+                self.counts[2] += 1;
+            }
         }
         Ok(())
     }
@@ -116,6 +122,9 @@ impl Tables {
 
 /// Names of a table's columns after the log time.
 fn header(topic: &str) -> String {
+    if topic == MatchFrame::CHANNEL {
+        return matches::HEADER.into();
+    }
     let Some(layout) = Item::layout(topic) else { return "instant_ns,kind,process,count,text".into() };
     let mut names = Vec::new();
     columns(layout, &mut names);
@@ -133,7 +142,12 @@ fn columns(layout: &Layout, names: &mut Vec<&'static str>) {
     }
 }
 
-/// The cells of a table's row after the log time.
+/// The rows of an item, each after the log time.
+fn rows(item: &Item) -> Vec<String> {
+    if let Item::Matches(matches) = item { matches::rows(matches) } else { vec![row(item)] }
+}
+
+/// The cells of an item's row after the log time; one with several rows has cells of its own numbers alone.
 pub fn row(item: &Item) -> String {
     if let Item::Note(note) = item {
         let process = note.process.map_or("", |p| p.name());
@@ -168,6 +182,7 @@ fn cells(layout: &Layout, block: &[u8], out: &mut Vec<String>) {
 
 fn number(kind: &Kind, bytes: &[u8]) -> String {
     match kind {
+        Kind::F32 => pod_read_unaligned::<f32>(bytes).to_string(),
         Kind::F64 => pod_read_unaligned::<f64>(bytes).to_string(),
         Kind::U64 => pod_read_unaligned::<u64>(bytes).to_string(),
         Kind::U32 => pod_read_unaligned::<u32>(bytes).to_string(),

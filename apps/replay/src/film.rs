@@ -4,32 +4,33 @@
 //!
 //! - `scripted`, `recorded`: the scenes of the one and of the other
 //! - `subject`: which of them is asked for
+//! - `pictures`: which steps of a recording a film shows
+//! - `drawing`: the thread that draws
 
+mod drawing;
+mod pictures;
 pub mod recorded;
 pub mod scripted;
 mod subject;
 
+pub use drawing::{Drawing, claim, film_config};
+pub use pictures::{Pictures, StepShown};
+
 use crate::stop::StopSignal;
-use anyhow::{Context, anyhow};
+use anyhow::Context;
 use ipc::logging::inform;
 use outputs::exit::INTERRUPTED;
-use outputs::progress::pictures_bar;
-use outputs::{FILM_STILLS, Outputs, println};
+use outputs::{Outputs, println};
 use protocol::poses::TrackerFrame;
 use protocol::scene::SceneHeader;
-use renderer::film::{Film, FilmConfig, Stills};
+use renderer::film::FilmConfig;
 use settings::commands::FilmArgs;
-use settings::inputs::check_file;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::mpsc::{Receiver, sync_channel};
 use subject::Subject;
 
 /// Pictures a second: that of the renderer's films.
-const PICTURES_PER_S: f64 = renderer::config::VIDEO_HZ as f64;
-/// Scenes that the simulation makes ahead of the picture.
-const AHEAD: usize = 4;
+pub const PICTURES_PER_S: f64 = renderer::config::VIDEO_HZ as f64;
 
 /// What the simulation sends for a picture.
 #[derive(Debug, Clone)]
@@ -50,86 +51,38 @@ pub struct SceneShown {
 /// Where module or recording are refused, or simulation or renderer fail.
 pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
     let stop = StopSignal::install().context("signals")?;
-    let video = args.output.clone().or_else(|| args.stills.is_none().then(|| "out/film.mp4".into()));
-    args.fundus.fundus.as_deref().map_or(Ok(()), |photograph| check_file("--fundus", photograph))?;
-    let mut outputs = Outputs::new(args.force.force).reading(&args.subject).reading_all(&args.fundus.fundus);
-    video.as_deref().map_or(Ok(()), |file| outputs.claim(file))?;
-    args.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder, FILM_STILLS))?;
+    let video = args.output.clone().or_else(|| args.drawing.stills.is_none().then(|| "out/film.mp4".into()));
+    let mut outputs = Outputs::new(args.force.force).reading(&args.subject);
+    claim(&args.drawing, video.as_deref(), &mut outputs)?;
     let subject = Subject::open(args)?;
-    let config = config(args, &subject, video.clone());
+    let config = film_config(&args.drawing, video.clone(), args.span.from, subject.tier());
     let (drawn, code) = side_by_side(&subject, config, outputs, &stop)?;
     let shown_s = drawn as f64 / PICTURES_PER_S;
     let share = if stop.is_raised() { "stopped" } else { subject.share(shown_s) };
     inform(&format!("{shown_s:.1} s: {share}"));
-    for path in video.iter().chain(&args.stills) {
+    for path in video.iter().chain(&args.drawing.stills) {
         println!("{}", path.display());
     }
     Ok(ExitCode::from(code))
 }
 
-fn config(args: &FilmArgs, subject: &Subject, video: Option<PathBuf>) -> FilmConfig {
-    let stills = |folder: &PathBuf| Stills {
-        folder: folder.clone(),
-        from_s: args.span.from,
-        every_s: args.every,
-        jpeg_bytes: args.jpeg.map(|kb| kb as usize * 1000),
-    };
-    FilmConfig {
-        tier: args.tier.unwrap_or(subject.tier()) as usize,
-        arrangement: args.arrange,
-        fundus: args.fundus.clone(),
-        video,
-        stills: args.stills.as_ref().map(stills),
-    }
-}
-
-/// Simulates on a thread and draws on this one; how many pictures, and the exit code.
+/// Simulates here and draws on another thread; how many pictures, and the exit code.
 fn side_by_side(
     subject: &Subject,
     config: FilmConfig,
     outputs: Outputs,
     stop: &StopSignal,
 ) -> anyhow::Result<(u64, u8)> {
-    let film = Film::begin(config, outputs, &subject.scene, &subject.rig)?;
-    std::thread::scope(|scope| {
-        let (sender, scenes) = sync_channel(AHEAD);
-        // Nobody who draws any more takes scenes: that is the end of it.
-        let mut show = move |shown| match sender.send(shown) {
-            Ok(()) => Ok(ControlFlow::Continue(())),
-            Err(_) => Ok(ControlFlow::Break(())),
-        };
-        let simulation = scope.spawn(move || subject.play(&mut show));
-        let drawn = draw(film, scenes, (subject.longest_s() * PICTURES_PER_S) as u64 + 1, stop);
-        let simulated = simulation.join().map_err(|_| anyhow!("the simulation ended unexpectedly"));
-        let drawn = drawn?;
-        let code = match (stop.is_raised(), simulated?) {
-            (true, _) => INTERRUPTED,
-            (false, code) => code?,
-        };
-        Ok((drawn, code))
-    })
-}
-
-/// Draws the scenes until the last or a signal, and shows how far they are; how many.
-fn draw(
-    mut film: Film,
-    scenes: Receiver<SceneShown>,
-    expected: u64,
-    stop: &StopSignal,
-) -> anyhow::Result<u64> {
-    let bar = pictures_bar(expected, "pictures");
-    let mut drawn = 0;
-    while !stop.is_raised()
-        && let Ok(SceneShown { header, poses, payload }) = scenes.recv()
-    {
-        film.take(&header, &poses, &payload)?;
-        drawn += 1;
-        bar.inc(1);
-    }
-    drop(scenes);
-    film.finish()?;
-    bar.finish_and_clear();
-    Ok(drawn)
+    let drawing = Drawing::begin(config, outputs, &subject.scene, &subject.rig, subject.longest_s())?;
+    let played = subject
+        .play(&mut |shown| Ok(if stop.is_raised() { ControlFlow::Break(()) } else { drawing.show(shown) }));
+    // What was simulated until then can be seen.
+    let drawn = drawing.finish()?;
+    let code = match (stop.is_raised(), played) {
+        (true, _) => INTERRUPTED,
+        (false, code) => code?,
+    };
+    Ok((drawn, code))
 }
 
 #[cfg(test)]

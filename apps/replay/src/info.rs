@@ -1,9 +1,12 @@
 //! `vitreo info`: what a recording holds.
 
+use diagnosis::{BodySummary, Due, Summary};
 use ipc::logging::warn;
 use outputs::exit::LOSS;
 use outputs::println;
+use protocol::poses::BODY_NAMES;
 use recording::{Item, NoteKind, Recording, STATE_HASH, Source, TRACKER};
+use rig::Rig;
 use serde::Serialize;
 use settings::commands::InfoArgs;
 use std::collections::BTreeMap;
@@ -37,9 +40,53 @@ struct Contents {
     injuries: u64,
     notes: Vec<String>,
     damage: Option<String>,
+    /// How bodies were tracked; nothing at a desk and in an imported stream.
+    bodies: BTreeMap<&'static str, BodySummary>,
+    /// The same, a line each.
+    #[serde(skip)]
+    lines: Vec<String>,
+}
+
+/// How the bodies of a recording were tracked.
+struct Bodies {
+    due: Due,
+    summary: Summary,
+}
+
+impl Bodies {
+    /// Where poses are a tracker's, and the rig can be read.
+    fn of(recording: &Recording) -> Option<Self> {
+        let provenance = recording.provenance();
+        let desk = provenance.config.contains_key(recording::DESK);
+        let rig = Rig::parse(&provenance.rig_json, "of the recording").ok().filter(|_| !desk)?;
+        let period_ns = rig.field_period_ns();
+        Some(Bodies { due: Due::new(period_ns), summary: Summary::new(period_ns) })
+    }
+
+    fn take(&mut self, item: &Item) {
+        match item {
+            Item::Blobs(field) => self.due.note_field(field),
+            Item::Poses(frame) => {
+                self.due.note_frame(frame);
+                self.summary.note_frame(frame);
+            }
+            Item::Matches(matches) => self.summary.note_matches(matches),
+            _ => {}
+        }
+    }
 }
 
 impl Contents {
+    /// Takes how bodies were tracked, once all items are counted.
+    fn take_bodies(&mut self, bodies: &Bodies) {
+        let frames = self.messages.get("poses").copied().unwrap_or(0);
+        let due = frames + bodies.due.frames_missing();
+        self.lines = bodies.summary.lines(due);
+        if !self.lines.is_empty() {
+            self.bodies = BODY_NAMES.into_iter().zip(bodies.summary.bodies(due)).collect();
+        }
+    }
+
     fn take(&mut self, log_time: u64, item: &Item) {
         let first = self.messages.is_empty();
         *self.messages.entry(item.topic()).or_insert(0) += 1;
@@ -104,6 +151,7 @@ impl Contents {
         if let Some([first, last]) = self.pose_fields {
             println!("  poses of fields {first} to {last}");
         }
+        self.lines.iter().for_each(|line| println!("  {line}"));
         println!("  {} warnings, {} injuries, {} restarts", self.warnings, self.injuries, self.restarts);
         if self.missing > 0 {
             println!("  {} blocks are missing", self.missing);
@@ -136,12 +184,17 @@ pub fn run(args: &InfoArgs) -> anyhow::Result<ExitCode> {
         versions: provenance.versions,
         ..Contents::default()
     };
+    let mut bodies = Bodies::of(&recording);
     for item in recording.items() {
         match item {
-            Ok((log_time, item)) => contents.take(log_time, &item),
+            Ok((log_time, item)) => {
+                contents.take(log_time, &item);
+                bodies.iter_mut().for_each(|bodies| bodies.take(&item));
+            }
             Err(error) => contents.damage = contents.damage.take().or(Some(error.to_string())),
         }
     }
+    bodies.iter().for_each(|bodies| contents.take_bodies(bodies));
     if args.json {
         println!("{}", serde_json::to_string_pretty(&contents)?);
     } else {

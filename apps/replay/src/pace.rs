@@ -40,7 +40,7 @@ impl Pace {
         Pace {
             from_ns: ns(args.span.from),
             until_ns: args.span.until.map(ns),
-            stretch: (!args.lockstep).then(|| 1.0 / args.rate),
+            stretch: (!args.is_unpaced()).then(|| 1.0 / args.rate),
             stop: stop.clone(),
             start: None,
             tied: None,

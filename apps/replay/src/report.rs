@@ -1,12 +1,14 @@
 //! What a replay writes: poses, the blob stream, a report.
 
+use crate::film::claim;
 use crate::verify::Verdict;
 use anyhow::Context;
 use blob_stream::poses_csv::{DisplayClock, PosesCsv};
 use diagnosis::{Due, Tracking, TrackingFigures, Warning, Watch};
-use outputs::OutputFile;
+use outputs::{OutputFile, Outputs};
 use protocol::blobs::BlobField;
 use protocol::limits::FIELD_PERIOD_NS;
+use protocol::matches::MatchFrame;
 use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
 use rig::Rig;
@@ -82,7 +84,7 @@ pub struct Products {
     display: Option<DisplayClock>,
     blobs: Option<OutputFile>,
     report: Option<PathBuf>,
-    outputs: outputs::Outputs,
+    outputs: Outputs,
     tracking: Tracking,
     watch: Watch,
     processing_ns: u64,
@@ -97,10 +99,11 @@ impl Products {
     /// # Errors
     /// Where a file is refused.
     pub fn open(args: &ReplayArgs, rig: &Rig) -> anyhow::Result<Self> {
-        let mut outputs = outputs::Outputs::new(args.force.force).reading(&args.file);
+        let mut outputs = Outputs::new(args.force.force).reading(&args.file);
         for path in [&args.poses, &args.blobs, &args.report].into_iter().flatten() {
             outputs.claim(path)?;
         }
+        claim(&args.drawing, args.video.as_deref(), &mut outputs)?;
         let poses = args.poses.as_deref().map(|path| outputs.create(path)).transpose()?;
         let lead_ns = (args.display_lead_ms * 1e6) as u64;
         Ok(Products {
@@ -115,6 +118,11 @@ impl Products {
             figures: Figures { file: args.file.display().to_string(), ..Figures::default() },
             span: None,
         })
+    }
+
+    /// The names of the files, of which the pictures are written elsewhere.
+    pub fn outputs(&self) -> Outputs {
+        self.outputs.clone()
     }
 
     /// Takes the count of frames that should have been from who saw all fields, also those that went into
@@ -136,20 +144,26 @@ impl Products {
         Ok(())
     }
 
-    /// The tracker made a frame.
+    /// The tracker made a frame, and matched blobs in it.
     ///
     /// # Errors
     /// Where it cannot be written.
-    pub fn frame(&mut self, frame: &TrackerFrame, shown: bool) -> anyhow::Result<()> {
+    pub fn frame(
+        &mut self,
+        frame: &TrackerFrame,
+        matches: Option<&MatchFrame>,
+        shown: bool,
+    ) -> anyhow::Result<()> {
         self.figures.frames += 1;
         self.figures.fields_refused = u64::from(frame.fields_refused);
         let exposed = frame.instants.exposed;
         let [start, end] = self.span.unwrap_or([exposed; 2]);
         self.span = Some([start.min(exposed), end.max(exposed)]);
-        if self.figures.desk {
-            return Ok(());
-        }
-        if self.tracking.note_frame(frame) {
+        let tracked = !self.figures.desk && {
+            matches.into_iter().for_each(|m| self.tracking.note_matches(m));
+            self.tracking.note_frame(frame)
+        };
+        if tracked {
             let at_s = exposed.saturating_sub(start.min(exposed)) as f64 * 1e-9;
             self.watch.note(at_s, self.tracking.findings());
         }

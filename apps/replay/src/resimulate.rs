@@ -35,7 +35,7 @@ pub fn steps(
     world: World,
     mut each: impl FnMut(StepAgain<'_>) -> anyhow::Result<ControlFlow<()>>,
 ) -> anyhow::Result<Resimulated> {
-    let mut steps = Steps::new(world, recording.provenance());
+    let mut steps = Steps::of(recording, world);
     let mut items = recording.items_of(&TOPICS);
     loop {
         while let Some(again) = steps.next_step() {

@@ -3,10 +3,13 @@
 
 use crate::engine::Recorded;
 use crate::frames::Frames;
-use crate::steps::{Resimulated, Waiting};
+use crate::steps::{Resimulated, SavedState, Waiting};
+use protocol::checkpoints::TrackerCheckpointHeader;
+use protocol::poses::TrackerFrame;
 use recording::{Place, RecordingError};
 use simcore::checkpoint::CheckpointError;
 use simcore::world::WorldSnapshot;
+use std::collections::VecDeque;
 use std::sync::Arc;
 use tracker::TrackerSnapshot;
 use tracker::report::Report;
@@ -22,6 +25,8 @@ pub struct Snapshot {
     done: Resimulated,
     lost: Option<String>,
     damage: Option<Arc<RecordingError>>,
+    made: VecDeque<Arc<TrackerFrame>>,
+    begins_with: Option<(TrackerCheckpointHeader, SavedState)>,
 }
 
 impl Snapshot {
@@ -43,6 +48,8 @@ impl Recorded {
             done: self.steps.done.clone(),
             lost: self.steps.lost.clone(),
             damage: self.damage.clone(),
+            made: self.made.clone(),
+            begins_with: self.begins_with.clone(),
         }
     }
 
@@ -62,6 +69,8 @@ impl Recorded {
         self.steps.done.clone_from(&snapshot.done);
         self.steps.lost.clone_from(&snapshot.lost);
         self.damage.clone_from(&snapshot.damage);
+        self.made.clone_from(&snapshot.made);
+        self.begins_with.clone_from(&snapshot.begins_with);
         Ok(())
     }
 }

@@ -10,7 +10,7 @@ use protocol::journal::Entry;
 use protocol::poses::TrackerFrame;
 use protocol::steps::{CheckpointHeader, StepRecord};
 use protocol::time::Nanos;
-use recording::{Item, Provenance};
+use recording::{CUT, Item, Provenance, Recording};
 use simcore::resume::{InputHistory, Repeated};
 use simcore::world::World;
 use std::collections::VecDeque;
@@ -57,6 +57,8 @@ pub struct StepAgain<'a> {
     pub left_out: u64,
     /// The recorded poses that it consumed.
     pub poses: Box<TrackerFrame>,
+    /// What this tracker makes of the same frame, where one does.
+    pub made: Option<Arc<TrackerFrame>>,
     /// What was recorded of it.
     pub recorded: StepRecord,
     /// What was recorded of it, with the state and the advance that came of it now.
@@ -110,6 +112,23 @@ impl Steps {
             done: Resimulated { other_state_hash_version, ..Resimulated::default() },
             lost: None,
         }
+    }
+
+    /// Of a recording, which may begin with a state ([`CUT`]).
+    pub fn of(recording: &Recording, world: World) -> Self {
+        let mut steps = Self::new(world, recording.provenance());
+        if recording.provenance().config.contains_key(CUT) {
+            let mut items = recording.items_of(&["checkpoints"]).filter_map(Result::ok);
+            if let Some((_, Item::Checkpoint(header, state))) = items.next() {
+                steps.resume_after(header, Arc::new(state));
+            }
+        }
+        steps
+    }
+
+    /// States are not those of the recording: none are compared.
+    pub fn compare_no_states(&mut self) {
+        self.done.other_state_hash_version = Some(0);
     }
 
     /// Takes the next item.
@@ -201,7 +220,7 @@ impl Steps {
         let differs = comparable && state_hash != recorded.state_hash;
         self.done.differs_at = self.done.differs_at.or(differs.then_some(recorded.step));
         let step = StepRecord { state_hash, advanced_ns, ..recorded };
-        StepAgain { left_out: self.left_out(), world: &self.world, poses, recorded, step }
+        StepAgain { left_out: self.left_out(), world: &self.world, poses, made: None, recorded, step }
     }
 
     /// Takes the state to resume from where `step` is the one after which it was saved. One that is of no

@@ -1,10 +1,13 @@
 //! `vitreo trace`: the way of one field through all instants.
 
+mod matches;
+
 use anyhow::bail;
 use ipc::logging::warn;
 use outputs::println;
 use protocol::blobs::BlobField;
 use protocol::frames::FrameRecord;
+use protocol::matches::MatchFrame;
 use protocol::poses::TrackerFrame;
 use protocol::steps::StepRecord;
 use protocol::time::Nanos;
@@ -23,6 +26,7 @@ struct Found {
     pose: Option<Box<TrackerFrame>>,
     step: Option<StepRecord>,
     frame: Option<FrameRecord>,
+    matches: Option<Box<MatchFrame>>,
     events: u64,
 }
 
@@ -34,6 +38,7 @@ impl Found {
             Item::Poses(p) if p.field == field => self.pose = self.pose.take().or(Some(p.clone())),
             Item::Step(s) if s.field == field => self.step = self.step.or(Some(*s)),
             Item::Frame(f) if f.field == field => self.frame = self.frame.or(Some(*f)),
+            Item::Matches(m) if m.field == field => self.matches = self.matches.take().or(Some(m.clone())),
             Item::Event(e) if e.field == field => self.events += 1,
             _ => {}
         }
@@ -148,6 +153,7 @@ fn as_json(field: u64, found: &Found, stops: &[Stop]) -> serde_json::Value {
         "step": found.step.map(|s| s.step),
         "waited_ns": found.pose.as_ref().map(|p| p.waited_ns),
         "events": found.events,
+        "matches": found.matches.as_ref().map(|m| matches::as_json(m)),
     })
 }
 
@@ -169,6 +175,9 @@ fn print(field: u64, found: &Found, stops: &[Stop]) {
     }
     if let Some(frame) = &found.frame {
         println!("  shown first in frame {} at tier {}", frame.frame, frame.tier);
+    }
+    if let Some(found) = &found.matches {
+        matches::lines(found).iter().for_each(|line| println!("  {line}"));
     }
     let end_ms = stops.iter().map(|s| s.since_exposed_ms).fold(0.0, f64::max);
     println!("  {:<12} {:>10} {:>10}", "instant", "ms", "+ ms");

@@ -274,7 +274,7 @@ fn difference_of(recorded: &TrackerFrame, replayed: &TrackerFrame) -> Option<Str
 }
 
 /// Names the first part of a body that differs.
-fn first_difference(a: &BodyState, b: &BodyState) -> String {
+pub(crate) fn first_difference(a: &BodyState, b: &BodyState) -> String {
     fn same<T: bytemuck::NoUninit>(a: &T, b: &T) -> bool {
         bytemuck::bytes_of(a) == bytemuck::bytes_of(b)
     }

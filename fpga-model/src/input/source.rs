@@ -20,7 +20,7 @@ use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 
 /// Name that stands for a clip on the standard input.
-pub const STDIN: &str = "-";
+pub use protocol::file::STDIN;
 
 /// Options of reading.
 #[derive(Clone, Default)]

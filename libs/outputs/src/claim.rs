@@ -14,7 +14,7 @@ pub const STILLS: Names = &[["frame-", ".png"], ["last", ".png"]];
 pub const FILM_STILLS: Names = &[["still-", ".png"], ["still-", ".jpg"]];
 
 /// The inputs and outputs of a command.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Outputs {
     force: bool,
     inputs: Vec<PathBuf>,
@@ -31,8 +31,13 @@ impl Outputs {
     /// Adds a file that the command reads, or a folder whose files it reads. One that does not exist
     /// is no concern of an output.
     pub fn reading(mut self, input: impl AsRef<Path>) -> Self {
-        self.inputs.push(input.as_ref().to_path_buf());
+        self.add_input(input);
         self
+    }
+
+    /// As [`Outputs::reading`], later.
+    pub fn add_input(&mut self, input: impl AsRef<Path>) {
+        self.inputs.push(input.as_ref().to_path_buf());
     }
 
     /// As [`Outputs::reading`], of several.

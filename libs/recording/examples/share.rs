@@ -1,5 +1,5 @@
 //! `cargo run --release -p recording --example share FILE.mcap…`: how much of a recording each of its
-//! topics with checkpoints is.
+//! larger topics is: checkpoints and matches.
 //!
 //! The recording is written anew, with chunks closed at the same ages as live, once whole and once without
 //! the topic; the difference is its share, compressed as it stands in the file.
@@ -7,7 +7,7 @@
 use recording::{Item, Recording, Writer};
 use std::path::{Path, PathBuf};
 
-const TOPICS: [&str; 2] = ["checkpoints", "tracker-checkpoints"];
+const TOPICS: [&str; 3] = ["checkpoints", "tracker-checkpoints", "matches"];
 
 /// Bytes of a copy without a topic.
 fn bytes_without(recording: &Recording, topic: &str, copy: &Path) -> Result<u64, Box<dyn std::error::Error>> {
@@ -25,11 +25,11 @@ fn bytes_without(recording: &Recording, topic: &str, copy: &Path) -> Result<u64,
     Ok(std::fs::metadata(copy)?.len())
 }
 
-/// Messages of a topic and the bytes of their states.
+/// Messages of a topic and the bytes of their states, or of the whole message.
 fn states(recording: &Recording, topic: &'static str) -> (u64, u64) {
     let bytes = recording.items_of(&[topic]).flatten().map(|(_, item)| match item {
         Item::Checkpoint(_, state) | Item::TrackerCheckpoint(_, state) => state.len() as u64,
-        _ => 0,
+        item => item.encoded().len() as u64,
     });
     bytes.fold((0, 0), |(count, sum), bytes| (count + 1, sum + bytes))
 }

@@ -155,15 +155,18 @@ fn add_channels(mcap: &mut mcap::Writer<Sink>) -> McapResult<Channels> {
         channels[i] = mcap.add_channel(schema, Item::TOPICS[i], "protobuf", &none)?;
         McapResult::Ok(())
     };
-    (0..FIRST_TOPICS).try_for_each(|i| add(mcap, i))?;
-    for (i, schema) in viewer_messages::schemas().into_iter().enumerate() {
-        let schema = match schema {
+    let mut add_viewer = |mcap: &mut mcap::Writer<Sink>, i: usize| {
+        let schema = match viewer_messages::schema(i) {
             Some(s) => mcap.add_schema(&s.name, &s.encoding, &s.data)?,
             None => 0,
         };
         viewers[i] = mcap.add_channel(schema, viewer_messages::TOPICS[i], "protobuf", &none)?;
-    }
+        McapResult::Ok(())
+    };
+    (0..FIRST_TOPICS).try_for_each(|i| add(mcap, i))?;
+    (0..viewer_messages::FIRST).try_for_each(|i| add_viewer(mcap, i))?;
     (FIRST_TOPICS..Item::TOPICS.len()).try_for_each(|i| add(mcap, i))?;
+    (viewer_messages::FIRST..viewer_messages::TOPICS.len()).try_for_each(|i| add_viewer(mcap, i))?;
     Ok((channels, viewers))
 }
 

@@ -10,6 +10,7 @@ use protocol::wire::{Field, Kind, Layout, Role};
 pub(super) const PACKAGE: &str = "vitreo";
 
 const DOUBLE: u64 = 1;
+const FLOAT: u64 = 2;
 const UINT64: u64 = 4;
 const FIXED64: u64 = 6;
 const STRING: u64 = 9;
@@ -68,6 +69,7 @@ fn descriptor(field: &'static Field) -> Descriptor<'static> {
     let (name, kind) = match (field.role, element) {
         (Role::Payload(name), _) => (name, BYTES),
         (Role::Hash, _) => (field.name, FIXED64),
+        (_, Kind::F32) => (field.name, FLOAT),
         (_, Kind::F64) => (field.name, DOUBLE),
         (_, Kind::U32) => (field.name, UINT32),
         (_, Kind::U64) => (field.name, UINT64),

@@ -54,6 +54,8 @@ pub struct Items {
     topics: Arc<Topics>,
     /// The file has told its channels.
     channels_known: bool,
+    /// What log times are ahead of the instants by which items are filed, ns.
+    realtime_offset_ns: u64,
     /// What the last chunk held.
     ready: VecDeque<Result<(Nanos, Item), RecordingError>>,
     /// Where reading can go on: at the chunk that was begun last; `None` before the first.
@@ -63,14 +65,15 @@ pub struct Items {
 }
 
 impl Items {
-    /// Of the file from its beginning, of these topics.
-    pub(super) fn open(path: &Path, topics: &[&'static str]) -> Self {
+    /// Of the file from its beginning, of these topics; log times are ahead by `realtime_offset_ns`.
+    pub(super) fn open(path: &Path, topics: &[&'static str], realtime_offset_ns: u64) -> Self {
         Items {
             section: Records::open(path).and_then(DataSection::new).map_err(Some),
             file: path.display().to_string(),
             wanted: topics.into(),
             topics: Arc::default(),
             channels_known: false,
+            realtime_offset_ns,
             ready: VecDeque::new(),
             begun: None,
             passed_over: 0,
@@ -179,7 +182,7 @@ impl Items {
             }
             Record::Message { header, data } => {
                 let Some(topic) = self.topics.get(&header.channel_id) else { return };
-                let log_time_ns = header.log_time;
+                let log_time_ns = header.log_time.wrapping_sub(self.realtime_offset_ns);
                 let refused = |problem| {
                     let (file, topic) = (self.file.clone(), (*topic).into());
                     RecordingError::Message { file, topic, log_time_ns, problem }

@@ -6,11 +6,13 @@
 //! them, as lossless protobuf messages on topics named like the channels. Messages and their
 //! descriptors are made from the layout of the blocks ([`protocol::wire`]), field by field; a field
 //! number is never used again, a reader skips fields that it does not know.
-//! Poses, log and pictures are there a second time in Foxglove's own schemas (topics `/tf`, `/log`,
-//! `/picture`; positions in mm), for viewers; the reader skips those.
+//! Poses, log, pictures and matches are there a second time in Foxglove's own schemas (topics `/tf`, `/log`,
+//! `/picture`, `/camera0/matches`…; positions in mm), for viewers; the reader skips those.
 //!
-//! Log times are instants of `CLOCK_MONOTONIC` in ns, and those of the stream's own clock in an
-//! imported recording. A [`Writer`] closes its chunk when it is 24 KiB large or, with
+//! Items are filed by instants of `CLOCK_MONOTONIC` in ns, and of the stream's own clock in an imported
+//! recording. In the file, log times and the timestamps for viewers are those of the wall clock: instants
+//! plus [`Provenance::realtime_offset_ns`]. A viewer's time line follows log times and looks up transforms by
+//! their timestamps, so both must be of one clock; the reader takes the offset off again. A [`Writer`] closes its chunk when it is 24 KiB large or, with
 //! [`Writer::flush_aged`], 80 ms old; a chunk is written in one piece and carries a CRC, so that a
 //! killed recorder leaves a file that is readable up to its last chunk, and with
 //! [`Writer::sync_along`] a power failure does no worse. `docs/recording.md` says what is under
@@ -56,6 +58,7 @@ use protocol::events::Event;
 use protocol::frames::{FrameRecord, PictureHeader};
 use protocol::handles::{HandleState, PedalState};
 use protocol::journal::Entry;
+use protocol::matches::MatchFrame;
 use protocol::message::{Invalid, Message};
 use protocol::poses::TrackerFrame;
 use protocol::steps::{CheckpointHeader, STATE_HASH_VERSION, STATE_HASH_WITHOUT_TASK, StepRecord};
@@ -65,6 +68,10 @@ use std::collections::BTreeMap;
 
 /// What a provenance calls the inputs of a run at a desk, without cameras.
 pub const DESK: &str = "desk";
+
+/// What a provenance calls the place at which a part was cut off the beginning: the recording begins with what
+/// tracker and simulation knew there.
+pub const CUT: &str = "cut";
 
 /// MCAP profile of a recording.
 pub const PROFILE: &str = "vitreo";
@@ -96,11 +103,13 @@ pub enum Item {
     Note(Note),
     /// All that the tracker knows.
     TrackerCheckpoint(TrackerCheckpointHeader, Vec<u8>),
+    /// Which blob the tracker took for which marker.
+    Matches(Box<MatchFrame>),
 }
 
 impl Item {
     /// Every topic, in the order in which they came to be.
-    pub const TOPICS: [&'static str; 11] = [
+    pub const TOPICS: [&'static str; 12] = [
         "blobs",
         "handles",
         "pedal",
@@ -112,6 +121,7 @@ impl Item {
         "pictures",
         "notes",
         "tracker-checkpoints",
+        "matches",
     ];
 
     /// Layout of the blocks on a topic; `None` for notes and for what is no topic.
@@ -133,6 +143,7 @@ impl Item {
             Item::Picture(header, jpeg) => Some(Block::of(header, jpeg)),
             Item::Note(_) => None,
             Item::TrackerCheckpoint(header, state) => Some(Block::of(header, state)),
+            Item::Matches(matches) => Some(Block::of(&**matches, &[])),
         }
     }
 
@@ -148,7 +159,7 @@ impl Item {
         }
     }
 
-    /// When it was made, ns; `None` for events, checkpoints and notes, which are filed as they
+    /// When it was made, ns; `None` for events, checkpoints, notes and matches, which are filed as they
     /// come.
     pub fn instant_ns(&self) -> Option<Nanos> {
         match self {
@@ -159,7 +170,8 @@ impl Item {
             Item::Step(step) => Some(step.instants.stepped),
             Item::Frame(frame) => Some(frame.displayed),
             Item::Picture(header, _) => Some(header.displayed),
-            Item::Event(_) | Item::Checkpoint(..) | Item::Note(_) | Item::TrackerCheckpoint(..) => None,
+            Item::Event(_) | Item::Checkpoint(..) | Item::Note(_) => None,
+            Item::TrackerCheckpoint(..) | Item::Matches(_) => None,
         }
     }
 
@@ -198,6 +210,7 @@ const LAYOUTS: [Option<&Layout>; Item::TOPICS.len()] = [
     Some(layout_of::<PictureHeader>()),
     None,
     Some(layout_of::<TrackerCheckpointHeader>()),
+    Some(layout_of::<MatchFrame>()),
 ];
 
 /// Topics that are declared before those for viewers. Later ones come behind them, so that the channels of
@@ -206,7 +219,7 @@ const FIRST_TOPICS: usize = 10;
 
 /// Numbers of the topics' channels, in the order of [`Item::TOPICS`].
 fn channel_numbers() -> impl Iterator<Item = u16> {
-    let viewers = viewer_messages::TOPICS.len();
+    let viewers = viewer_messages::FIRST;
     (0..Item::TOPICS.len()).map(move |i| 1 + (if i < FIRST_TOPICS { i } else { i + viewers }) as u16)
 }
 
@@ -278,6 +291,8 @@ pub struct Provenance {
 
 /// Key of the version of state hashes among [`Provenance::versions`].
 pub const STATE_HASH: &str = "state-hash";
+/// Key of `CLOCK_REALTIME` less `CLOCK_MONOTONIC` at the start, ns, among [`Provenance::config`].
+pub const REALTIME_OFFSET: &str = "realtime-offset-ns";
 /// Key of the version of the tracker's arithmetic among [`Provenance::versions`].
 pub const TRACKER: &str = "tracker";
 
@@ -290,6 +305,12 @@ impl Provenance {
         let has_task = self.scene_toml.lines().any(|line| line.trim() == "[task]");
         let oldest = if has_task { STATE_HASH_VERSION } else { STATE_HASH_WITHOUT_TASK };
         (!(oldest..=STATE_HASH_VERSION).contains(&version)).then_some(version)
+    }
+
+    /// What is added to an instant of `CLOCK_MONOTONIC` to get wall-clock time since 1970, ns, wrapping; 0
+    /// where it is not known: in imported recordings and those of former versions.
+    pub fn realtime_offset_ns(&self) -> u64 {
+        self.config.get(REALTIME_OFFSET).and_then(|offset| offset.parse().ok()).unwrap_or(0)
     }
 
     /// Version of the arithmetic of its tracker where it is not [`TRACKER_VERSION`], so that its poses

@@ -2,7 +2,8 @@
 //!
 //! Format: <https://protobuf.dev/programming-guides/encoding/>. A `u32` or `u64` is a varint and
 //! left out where it is 0; a hash is a `fixed64`; an `f64` has explicit presence, because an
-//! encoder that leaves out 0 loses the sign of −0; an array of `f64` is packed.
+//! encoder that leaves out 0 loses the sign of −0; an `f32` is left out where all its bits are 0; an array
+//! of `f64` is packed.
 
 use super::MessageError;
 use protocol::wire::{Field, Kind, Layout, MAX_FIELDS, Role};
@@ -45,6 +46,11 @@ fn put_fixed64(out: &mut Vec<u8>, tag: u32, bytes: &[u8]) {
     out.extend_from_slice(bytes);
 }
 
+fn put_fixed32(out: &mut Vec<u8>, tag: u32, bytes: &[u8]) {
+    put_varint(out, u64::from(tag) << 3 | FIXED32);
+    out.extend_from_slice(bytes);
+}
+
 /// Appends a field of bytes or text unless it is empty.
 pub(super) fn put_bytes(out: &mut Vec<u8>, tag: u32, bytes: &[u8]) {
     if !bytes.is_empty() {
@@ -77,6 +83,8 @@ pub(super) fn encode(layout: &Layout, block: &[u8], payload: &[u8], out: &mut Ve
             (_, Role::Hash) if uint(value) == 0 => {}
             (_, Role::Hash) | (Kind::F64, _) => put_fixed64(out, tag, value),
             (Kind::U32 | Kind::U64, _) => put_uint(out, tag, uint(value)),
+            (Kind::F32, _) if uint(value) == 0 => {}
+            (Kind::F32, _) => put_fixed32(out, tag, value),
             (Kind::Struct(inner), _) => put_message(out, tag, |out| encode(inner, value, &[], out)),
             (Kind::Array(Kind::Struct(inner), room), role) => {
                 let used = match role {
@@ -99,7 +107,7 @@ pub(super) enum Value<'a> {
     Varint(u64),
     Fixed64([u8; 8]),
     Delimited(&'a [u8]),
-    Fixed32,
+    Fixed32([u8; 4]),
 }
 
 /// Iterator over the fields of a message: number and value.
@@ -139,7 +147,7 @@ impl<'a> Fields<'a> {
                 let length = self.varint()?;
                 Value::Delimited(self.take(usize::try_from(length).unwrap_or(usize::MAX))?)
             }
-            FIXED32 => self.take(4).map(|_| Value::Fixed32)?,
+            FIXED32 => Value::Fixed32(self.take(4)?.try_into().expect("four bytes")),
             other => return Err(refuse(format!("unknown wire type {other}"))),
         };
         Ok((tag, value))
@@ -203,6 +211,7 @@ fn store(
             place.copy_from_slice(&(bytes.len() as u64).to_le_bytes());
         }
         (_, Role::Hash, Value::Fixed64(bytes)) => place.copy_from_slice(&bytes),
+        (Kind::F32, _, Value::Fixed32(bytes)) => place.copy_from_slice(&bytes),
         (Kind::F64, _, Value::Fixed64(bytes)) => place.copy_from_slice(&bytes),
         (Kind::U32, Role::Value, Value::Varint(v)) => place.copy_from_slice(&(v as u32).to_le_bytes()),
         (Kind::U64, Role::Value, Value::Varint(v)) => place.copy_from_slice(&v.to_le_bytes()),

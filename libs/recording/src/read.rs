@@ -10,6 +10,7 @@ use super::write::METADATA;
 use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, Source, checksum};
 use mcap::parse_record;
 use mcap::records::{Record, op};
+use protocol::file::STDIN;
 use protocol::steps::STATE_HASH_VERSION;
 use protocol::time::Nanos;
 use std::collections::BTreeMap;
@@ -43,6 +44,10 @@ impl Recording {
     /// # Errors
     /// As there, but for the checksum.
     pub fn open_in_doubt(path: &Path) -> Result<Self, RecordingError> {
+        if path.as_os_str() == STDIN {
+            let problem = "it is read from several places: save it as a file first".into();
+            return Err(RecordingError::Foreign { file: "standard input".into(), problem });
+        }
         let mut records = Records::open(path)?;
         let finished = records.has_footer()?;
         let (offset, pairs) = metadata_of(&mut records)?;
@@ -97,7 +102,7 @@ impl Recording {
     /// As [`Recording::items`], of these topics only. The rest is not decoded, which is most of the
     /// work.
     pub fn items_of(&self, topics: &[&'static str]) -> Items {
-        Items::open(&self.path, topics)
+        Items::open(&self.path, topics, self.provenance.realtime_offset_ns())
     }
 
     /// Instants of exposure of what is replayed: those of the tracker's frames, or of the

@@ -33,6 +33,7 @@ pub(super) fn decode(topic: &str, message: &[u8]) -> Result<Option<Item>, Messag
         "tracker-checkpoints" => {
             block(message).map(|(header, state)| Item::TrackerCheckpoint(header, state))?
         }
+        "matches" => Item::Matches(boxed(message)?),
         _ => return Ok(None),
     };
     Ok(Some(item))
@@ -44,6 +45,14 @@ fn block<B: Message>(message: &[u8]) -> Result<(B, Vec<u8>), MessageError> {
     protobuf::decode(layout_of::<B>(), message, bytemuck::bytes_of_mut(&mut block), &mut payload)?;
     block.validate().map_err(MessageError::Invalid)?;
     Ok((block, payload))
+}
+
+/// A block without a payload that is too large for the stack of every caller, validated.
+fn boxed<B: Message>(message: &[u8]) -> Result<Box<B>, MessageError> {
+    let mut block = Box::new(B::zeroed());
+    protobuf::decode(layout_of::<B>(), message, bytemuck::bytes_of_mut(&mut *block), &mut Vec::new())?;
+    block.validate().map_err(MessageError::Invalid)?;
+    Ok(block)
 }
 
 #[cfg(test)]

@@ -10,7 +10,8 @@ use protocol::frames::{FrameRecord, PictureHeader};
 use protocol::geometry::Pose;
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::Process;
-use protocol::limits::{BODIES, INSTRUMENTS, MAX_BLOBS, MAX_FIELDS_USED};
+use protocol::limits::{BODIES, INSTRUMENTS, MAX_BLOBS, MAX_FIELDS_USED, MAX_MARKERS};
+use protocol::matches::{BlobUse, MatchFrame, MatchedBlob, MissedMarker, NO_BODY};
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
 use protocol::steps::{CheckpointHeader, StepRecord};
@@ -66,6 +67,46 @@ fn poses(frame: &mut TrackerFrame) {
         body.world_from_body =
             Pose { position_mm: [0.1, -0.0, 1e-300], rotation_wxyz: [0.6, 0.0, -0.8, 0.0] };
         body.validity %= 3;
+    }
+}
+
+/// Numbers of `f32` that are finite, whatever bits they had.
+fn finite(v: &mut f32) {
+    *v = if v.is_finite() { *v } else { -0.0 };
+}
+
+fn matched_blob(blob: &mut MatchedBlob) {
+    blob.blob %= MAX_BLOBS as u32;
+    blob.outcome %= BlobUse::ALL.len() as u32;
+    blob.body %= NO_BODY + u32::from(!blob.outcome().is_matched());
+    blob.marker %= MAX_MARKERS as u32;
+    let MatchedBlob { x_px, y_px, innovation_x_px, innovation_y_px, .. } = blob;
+    [x_px, y_px, innovation_x_px, innovation_y_px].into_iter().for_each(finite);
+    let MatchedBlob { residual_x_px, residual_y_px, nis, .. } = blob;
+    [residual_x_px, residual_y_px, &mut *nis].into_iter().for_each(finite);
+    blob.nis = blob.nis.abs();
+}
+
+fn missed_marker(missed: &mut MissedMarker) {
+    missed.body %= NO_BODY;
+    missed.marker %= MAX_MARKERS as u32;
+    [&mut missed.x_px, &mut missed.y_px].into_iter().for_each(finite);
+}
+
+fn matches(frame: &mut MatchFrame) {
+    frame.exposed_ns |= 1;
+    frame.field_count %= MAX_FIELDS_USED as u32 + 1;
+    let count = frame.field_count as usize;
+    frame.fields[count..].fill(Zeroable::zeroed());
+    for field in frame.fields_mut() {
+        field.parity &= 1;
+        field.blob_count %= MAX_BLOBS as u32 + 1;
+        field.missed_count %= field.missed.len() as u32 + 1;
+        let (blobs, missed) = (field.blob_count as usize, field.missed_count as usize);
+        field.blobs[blobs..].fill(Zeroable::zeroed());
+        field.missed[missed..].fill(Zeroable::zeroed());
+        field.blobs[..blobs].iter_mut().for_each(matched_blob);
+        field.missed[..missed].iter_mut().for_each(missed_marker);
     }
 }
 
@@ -129,5 +170,6 @@ pub fn any_item() -> impl Strategy<Value = Item> {
         with_bytes::<PictureHeader>(|h, n| h.bytes = n, Item::Picture),
         note(),
         with_bytes::<TrackerCheckpointHeader>(|h, n| h.bytes = n, Item::TrackerCheckpoint),
+        block::<MatchFrame>(matches).prop_map(|b| Item::Matches(Box::new(b))),
     ]
 }

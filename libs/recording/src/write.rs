@@ -10,6 +10,7 @@ use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, checksum, record,
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Compression, WriteOptions};
 use protocol::time::Nanos;
+use rig::Rig;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::Path;
@@ -39,6 +40,11 @@ pub struct Writer {
     viewers: [u16; viewer_messages::TOPICS.len()],
     sequences: BTreeMap<u16, u32>,
     message: Vec<u8>,
+    realtime_offset_ns: u64,
+    /// The rig, for viewers; `None` for one that is none.
+    rig: Option<Rig>,
+    /// Log time from which on the rig is due again, ns.
+    rig_due_ns: Nanos,
     /// When [`Writer::flush_aged`] first saw the open chunk.
     open_since: Option<Nanos>,
     /// Items in the open chunk.
@@ -91,6 +97,9 @@ impl Writer {
             viewers,
             sequences: BTreeMap::new(),
             message: Vec::new(),
+            realtime_offset_ns: provenance.realtime_offset_ns(),
+            rig: Rig::parse(&provenance.rig_json, "of the recording").ok(),
+            rig_due_ns: 0,
             open_since: None,
             open: 0,
             ended: false,
@@ -106,19 +115,25 @@ impl Writer {
         self.disk.sync_along()
     }
 
-    /// Appends an item, and its message for viewers where it has one. `log_time_ns` is the instant
-    /// by which viewers sort; items keep the order of the calls.
+    /// Appends an item, and its messages for viewers where it has some. `log_time_ns` is the instant by which
+    /// it is filed; items keep the order of the calls.
     ///
     /// # Errors
     /// Where the file cannot be written; the item is kept.
     pub fn write(&mut self, log_time_ns: Nanos, item: &Item) -> Result<(), RecordingError> {
         self.message.clear();
         record::encode(item, &mut self.message);
-        self.append(self.channels[item.topic_index()], log_time_ns)?;
+        let log_time = log_time_ns.wrapping_add(self.realtime_offset_ns);
+        self.append(self.channels[item.topic_index()], log_time)?;
         self.open += 1;
-        self.message.clear();
-        if let Some(viewer) = viewer_messages::encode(item, &mut self.message) {
-            self.append(self.viewers[viewer], log_time_ns)?;
+        let mut shown = viewer_messages::encode(item, self.realtime_offset_ns);
+        if let Some(rig) = self.rig.as_ref().filter(|_| log_time_ns >= self.rig_due_ns) {
+            shown.extend(viewer_messages::rig::encode(rig, log_time_ns, self.realtime_offset_ns));
+            self.rig_due_ns = log_time_ns.saturating_add(viewer_messages::rig::EVERY_NS);
+        }
+        for (viewer, message) in shown {
+            self.message = message;
+            self.append(self.viewers[viewer], log_time)?;
         }
         self.disk.settle()
     }
@@ -209,7 +224,7 @@ fn pairs(provenance: &Provenance) -> BTreeMap<String, String> {
         ("scene_name", scene_name),
         ("scene_toml", scene_toml),
         ("source", source.name()),
-        ("clock", "CLOCK_MONOTONIC, ns"),
+        ("clock", "CLOCK_MONOTONIC, ns; log times: plus config.realtime-offset-ns"),
     ]
     .into_iter()
     .map(|(key, value)| (key.to_string(), value.to_string()))
@@ -253,6 +268,32 @@ mod tests {
         let counts: Vec<u64> = recording.items().map(count).collect();
         assert!(counts.iter().copied().eq(0..counts.len() as u64));
         assert!(counts.len() > 800, "{} of 1000 ms are there", counts.len());
+    }
+
+    #[test]
+    fn viewers_see_the_wall_clock_and_readers_the_instants() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.mcap");
+        let offset = 1_764_000_000_000_000_000_u64;
+        let config = [(super::super::REALTIME_OFFSET.to_string(), offset.to_string())].into();
+        let mut writer = Writer::create(&path, &Provenance { config, ..Provenance::default() }).unwrap();
+        (7..10).for_each(|at| writer.write(at, &note(at)).unwrap());
+        writer.finish().unwrap();
+        let recording = Recording::open(&path).unwrap();
+        let read: Vec<_> = recording.items().map(|item| item.unwrap().0).collect();
+        assert_eq!(read, [7, 8, 9]);
+        let bytes = fs::read(&path).unwrap();
+        let messages: Vec<_> = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap).collect();
+        assert_eq!(messages.len(), 6);
+        assert!(messages.iter().all(|m| (7..10).contains(&(m.log_time - offset))));
+        // Seconds and nanoseconds of the note's own instant, 5 ns.
+        let log = messages.iter().find(|m| m.channel.topic == "/log").unwrap();
+        let mut stamp = Vec::new();
+        crate::protobuf::put_message(&mut stamp, 1, |out| {
+            crate::protobuf::put_uint(out, 1, offset / 1_000_000_000);
+            crate::protobuf::put_uint(out, 2, 5);
+        });
+        assert!(log.data.starts_with(&stamp), "{:?}", log.data);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Looking at files before anything is begun with them: a message names the option and the file.
 
+use protocol::file::STDIN;
 use std::fmt::Display;
 use std::fs::{File, metadata};
 use std::path::Path;
@@ -16,11 +17,15 @@ pub struct InputError {
     problem: String,
 }
 
-/// Refuses a file that cannot be read. A pipe is left alone: what is read of it is gone.
+/// Refuses a file that cannot be read. A pipe is left alone, and standard input (`-`): what is read of it is
+/// gone.
 ///
 /// # Errors
 /// Where it is absent, a folder, or not for this user.
 pub fn check_file(option: &str, path: &Path) -> Result<(), InputError> {
+    if path.as_os_str() == STDIN {
+        return Ok(());
+    }
     let refuse = |problem: &dyn Display| refusal(option, path, problem);
     let about = metadata(path).map_err(|problem| refuse(&problem))?;
     if about.is_dir() {

@@ -12,11 +12,13 @@
 //! | tracking of unseen streams, knocked cameras | [`streams`]: drawn streams with truth; examples `unseen`, `knocked`, `docs/tracking.md` |
 //! | roll of instruments | example `rolls`, `docs/tracking.md` |
 //! | the paper's Fig. 7 | example `teapot`, `docs/collision.md` |
+//! | causes that `vitreo diff` names | [`defects`]: planted defects; `tests/defects.rs`, example `defects` (`make defects`), `docs/diff.md` |
 //! | speed beside other methods | benches `collision`, `tissue`, `vitreous` |
 
 pub mod camera_twin;
 pub mod closed_form;
 pub mod compiled;
+pub mod defects;
 pub mod exact;
 pub mod live_recording;
 pub mod moments;

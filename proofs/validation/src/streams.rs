@@ -202,7 +202,13 @@ impl Losses {
 impl Recipe {
     /// Draws the stream on a rig.
     pub fn draw(&self, rig: &Rig) -> Stream {
-        self.draw_motion(rig, Motion::draw(self.scenario, rig, self.seconds, self.seed))
+        self.draw_motion(rig, Motion::draw(self.scenario, rig, self.seconds, self.seed), None)
+    }
+
+    /// Draws it with a camera that exposes later than its stamps say, by so many seconds.
+    pub fn draw_late(&self, rig: &Rig, camera: u32, late_s: f64) -> Stream {
+        let motion = Motion::draw(self.scenario, rig, self.seconds, self.seed);
+        self.draw_motion(rig, motion, Some((camera, late_s)))
     }
 
     /// Draws a stream whose end joins its beginning: the motion's period is its length.
@@ -210,10 +216,11 @@ impl Recipe {
         self.draw_motion(
             rig,
             Motion::draw(self.scenario, rig, self.seconds, self.seed).periodic(self.seconds),
+            None,
         )
     }
 
-    fn draw_motion(&self, rig: &Rig, motion: Motion) -> Stream {
+    fn draw_motion(&self, rig: &Rig, motion: Motion, late: Option<(u32, f64)>) -> Stream {
         let hard = self.scenario == Scenario::Hard;
         let failing = rig.cameras[Random::new(self.seed, 1).below(rig.cameras.len())].id;
         let period = rig.field_period_ns() as f64;
@@ -233,7 +240,8 @@ impl Recipe {
                 let exposed = BEGIN_NS + phase + period * rate * field as f64 + JITTER_NS * random.normal();
                 let lost = losses.has(field, &mut random);
                 let arrives = exposed + random.between(DELAY_NS.0, DELAY_NS.1);
-                let t_s = exposed * 1e-9;
+                let late_s = late.filter(|(id, _)| *id == camera.id).map_or(0.0, |(_, late_s)| late_s);
+                let t_s = exposed * 1e-9 + late_s;
                 if lost || (t_s > self.seconds && !motion.is_periodic()) {
                     continue;
                 }

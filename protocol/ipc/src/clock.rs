@@ -8,6 +8,15 @@ pub fn now() -> Nanos {
     t.tv_sec as u64 * 1_000_000_000 + t.tv_nsec as u64
 }
 
+/// `CLOCK_REALTIME` less `CLOCK_MONOTONIC` now, ns: what is added to an instant to get wall-clock time since
+/// 1970. It changes where the wall clock is set.
+pub fn realtime_offset_ns() -> u64 {
+    let before = now();
+    let t = rustix::time::clock_gettime(rustix::time::ClockId::Realtime);
+    let between = before + (now() - before) / 2;
+    (t.tv_sec as u64 * 1_000_000_000 + t.tv_nsec as u64).wrapping_sub(between)
+}
+
 /// Sleeps until the absolute instant `deadline_ns`; returns at once if it has passed.
 pub fn sleep_until(deadline_ns: Nanos) {
     let at = rustix::time::Timespec {

@@ -25,6 +25,7 @@ pub mod logging;
 mod open_limit;
 pub mod outbox;
 mod port;
+pub mod programs;
 mod segments;
 pub mod shell;
 pub mod signals;

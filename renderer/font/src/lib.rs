@@ -25,6 +25,11 @@ const MOST_RASTERS: usize = 4096;
 /// Largest size, px: larger than any picture needs, and small enough for memory.
 const MOST_PX: f32 = 400.0;
 
+/// The font as a TrueType file, for libraries that draw text by themselves.
+pub fn truetype() -> &'static [u8] {
+    FILE
+}
+
 /// Height of a line that holds accents and feet, px.
 pub fn line_px(size_px: f32) -> f32 {
     (ASCENT + DESCENT) * size_px

@@ -39,9 +39,10 @@ pub struct WindowConfig {
     pub arrangement: Arrangement,
     /// It fills its monitor from the start.
     pub full_screen: bool,
-    /// A person works by mouse and keyboard: a click takes the mouse, and letters are for the
-    /// hands.
+    /// A person works by mouse and keyboard: a click takes the mouse.
     pub desk: bool,
+    /// Letters have a meaning of their own: only F11 fills the monitor.
+    pub letters: bool,
     /// The monitor to fill: its name, or its number from 0; the one where the window opens if
     /// `None`.
     pub monitor: Option<String>,
@@ -246,7 +247,7 @@ impl State {
         let full = window.fullscreen().is_some();
         let wanted = match &event.logical_key {
             Key::Named(NamedKey::F11) => !full,
-            Key::Character(key) if key.eq_ignore_ascii_case("f") && !self.config.desk => !full,
+            Key::Character(key) if key.eq_ignore_ascii_case("f") && !self.config.letters => !full,
             Key::Named(NamedKey::Escape) => false,
             _ => return,
         };

@@ -8,6 +8,7 @@ use protocol::control::Notice;
 use protocol::inputs::{Hint, Input, InputEvent, Origin};
 use protocol::scene_text::{Place, Row, push_line, push_sentence};
 use protocol::time::Nanos;
+use protocol::transport;
 
 /// Lines of `protocol::scene_text` over the picture.
 pub struct Overlay {
@@ -17,6 +18,17 @@ pub struct Overlay {
     pub hides_scene_text: bool,
 }
 
+/// What the window's keys are for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Keys {
+    /// The course of a run.
+    Run,
+    /// The instruments too: a person works at this window.
+    Desk,
+    /// A replay, which is stopped by them, so that nothing says that it is paused or held.
+    Replay,
+}
+
 /// Channels to and from the user, and the state of the overlay.
 pub struct User {
     inputs: Sender<InputEvent>,
@@ -24,7 +36,7 @@ pub struct User {
     notices: Receiver<Notice>,
     hint: String,
     notice: String,
-    at_desk: bool,
+    keys: Keys,
     help: bool,
     dose: bool,
     paused: bool,
@@ -33,17 +45,16 @@ pub struct User {
 }
 
 impl User {
-    /// Opens the channels. `at_desk`: the user moves the instruments with this window's inputs;
-    /// `dose`: the dose of light is shown from the start.
+    /// Opens the channels. `dose`: the dose of light is shown from the start.
     ///
     /// # Errors
     /// If a channel cannot be opened.
-    pub fn open(instance: &Instance, at_desk: bool, dose: bool) -> Result<Self, IpcError> {
+    pub fn open(instance: &Instance, keys: Keys, dose: bool) -> Result<Self, IpcError> {
         let (inputs, hints) = (instance.sender()?, instance.receiver(Queue::Newest)?);
         let notices = instance.receiver(Queue::Newest)?;
         let (hint, notice) = (String::new(), String::new());
         let (help, paused, changed) = (false, false, false);
-        Ok(User { inputs, hints, notices, hint, notice, at_desk, help, dose, paused, changed })
+        Ok(User { inputs, hints, notices, hint, notice, keys, help, dose, paused, changed })
     }
 
     /// True while the dose of light is shown.
@@ -51,9 +62,9 @@ impl User {
         self.dose
     }
 
-    /// True while the session is paused.
+    /// True while the session is paused, and always in a replay: what is shown is of its own instant.
     pub fn is_paused(&self) -> bool {
-        self.paused
+        self.paused || self.keys == Keys::Replay
     }
 
     /// Pauses or resumes.
@@ -94,7 +105,11 @@ impl User {
 
     /// The overlay, if it has changed since the last call.
     pub fn take_overlay(&mut self) -> Option<Overlay> {
-        let help = if self.help { help(self.at_desk) } else { String::new() };
+        let help = match (self.help, self.keys) {
+            (false, _) => String::new(),
+            (true, Keys::Replay) => transport::help(),
+            (true, keys) => help(keys == Keys::Desk),
+        };
         std::mem::take(&mut self.changed).then(|| Overlay {
             lines: lines(&self.hint, &self.notice, self.paused, &help),
             hides_scene_text: self.help,

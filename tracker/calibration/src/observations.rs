@@ -111,7 +111,7 @@ fn instant(
     for field in used {
         let Some(index) = rig.cameras.iter().position(|c| c.id == field.camera) else { continue };
         let Some(camera) = &model.cameras[field.camera as usize] else { continue };
-        fields_of[index].fill(field, camera);
+        fields_of[index].fill(field, camera, &model.tuning);
         let dt_s = (field.exposed_ns as f64 - exposed_ns as f64) * 1e-9;
         pair(model, &mut out, index, fields_of[index].blobs(), camera, dt_s);
     }

@@ -3,10 +3,14 @@
 
 mod agreement;
 mod due;
+mod residual_table;
 mod residuals;
+mod summary;
 mod tracking;
 mod watch;
 
 pub use due::{Due, is_loss};
+pub use residual_table::{ResidualRow, ResidualTable};
+pub use summary::{BodySummary, Summary};
 pub use tracking::{BodyFigures, CameraFigures, Finding, Tracking, TrackingFigures, untracked};
 pub use watch::{Warning, Watch};

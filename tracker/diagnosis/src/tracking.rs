@@ -4,9 +4,11 @@
 use crate::agreement::{Agreement, Dissenter};
 use crate::due::Due;
 use crate::residuals::{Long, Residuals};
+use crate::summary::{BodySummary, Summary};
 use protocol::blobs::BlobField;
 use protocol::geometry::Validity;
 use protocol::limits::BODIES;
+use protocol::matches::MatchFrame;
 use protocol::poses::{BODY_NAMES, BodyStatus, TrackerFrame};
 use protocol::time::Nanos;
 use rig::Rig;
@@ -78,6 +80,7 @@ pub struct Tracking {
     agreement: Agreement,
     cameras: Vec<u32>,
     due: Due,
+    summary: Summary,
     total: Counts,
     period: Counts,
     period_ns: Nanos,
@@ -100,6 +103,9 @@ pub struct TrackingFigures {
     pub bodies: BTreeMap<&'static str, BodyFigures>,
     /// By camera.
     pub cameras: BTreeMap<u32, CameraFigures>,
+    /// A line a body, for people.
+    #[serde(skip)]
+    pub lines: Vec<String>,
 }
 
 /// How a body was tracked.
@@ -111,6 +117,9 @@ pub struct BodyFigures {
     pub residual_px: f64,
     /// Frames by status.
     pub frames_by_status: BTreeMap<&'static str, u64>,
+    /// Shares, residuals by camera, the longest gap.
+    #[serde(flatten)]
+    pub summary: BodySummary,
 }
 
 /// What a camera contributed.
@@ -131,6 +140,7 @@ impl Tracking {
             agreement: Agreement::new(rig),
             cameras: rig.cameras.iter().map(|c| c.id).collect(),
             due: Due::new(rig.field_period_ns()),
+            summary: Summary::new(rig.field_period_ns()),
             total: Counts::default(),
             period: Counts::default(),
             period_ns: 0,
@@ -156,6 +166,7 @@ impl Tracking {
     /// Takes a frame of the tracker; true where a period is over and [`Tracking::findings`] are new.
     pub fn note_frame(&mut self, frame: &TrackerFrame) -> bool {
         self.due.note_frame(frame);
+        self.summary.note_frame(frame);
         self.total.note(frame);
         self.period.note(frame);
         // One that was back before the period was over is told too.
@@ -175,6 +186,16 @@ impl Tracking {
         }
         (self.period, self.period_ns, self.left_out) = (Counts::default(), exposed, 0);
         true
+    }
+
+    /// Takes what became of the blobs of a frame.
+    pub fn note_matches(&mut self, matches: &MatchFrame) {
+        self.summary.note_matches(matches);
+    }
+
+    /// A line a body; none where there were no cameras.
+    fn lines(&self, frames_due: u64) -> Vec<String> {
+        if self.total.cameras.is_empty() { Vec::new() } else { self.summary.lines(frames_due) }
     }
 
     /// What was wrong in the newest period.
@@ -207,17 +228,25 @@ impl Tracking {
     /// Sums up.
     pub fn figures(&self) -> TrackingFigures {
         let frames_due = self.frames_due();
-        let bodies = BODY_NAMES.into_iter().zip(&self.total.bodies).map(|(name, body)| {
-            let residual_px = body.residuals.median_px();
-            let tracked_share = ratio(body.valid, frames_due);
-            (name, BodyFigures { tracked_share, residual_px, frames_by_status: body.statuses.clone() })
+        let summaries = self.summary.bodies(frames_due);
+        let bodies = BODY_NAMES.into_iter().zip(&self.total.bodies).zip(summaries);
+        let bodies = bodies.map(|((name, body), summary)| {
+            let (residual_px, tracked_share) = (body.residuals.median_px(), ratio(body.valid, frames_due));
+            let frames_by_status = body.statuses.clone();
+            (name, BodyFigures { tracked_share, residual_px, frames_by_status, summary })
         });
         let cameras = self.total.cameras.iter().map(|(id, c)| {
             let (blobs_per_field, used_share) = (ratio(c.blobs, c.fields), ratio(c.used, c.blobs));
             (*id, CameraFigures { fields: c.fields, blobs_per_field, used_share })
         });
         let frames = self.total.frames;
-        TrackingFigures { frames, frames_due, bodies: bodies.collect(), cameras: cameras.collect() }
+        TrackingFigures {
+            frames,
+            frames_due,
+            bodies: bodies.collect(),
+            cameras: cameras.collect(),
+            lines: self.lines(frames_due),
+        }
     }
 
     fn judge(&self) -> Vec<Finding> {
@@ -348,7 +377,7 @@ impl Counts {
     }
 }
 
-fn ratio(part: u64, whole: u64) -> f64 {
+pub(crate) fn ratio(part: u64, whole: u64) -> f64 {
     if whole == 0 { 0.0 } else { part as f64 / whole as f64 }
 }
 

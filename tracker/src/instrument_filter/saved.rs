@@ -3,14 +3,15 @@
 use super::{InstrumentFilter, N, Pivot};
 use crate::checkpoint::{CheckpointError, Done, Loader, Saver};
 use crate::pose_math::Matrix6;
+use crate::tuning::Tuning;
 use nalgebra::{Isometry3, Vector3};
 
 impl InstrumentFilter {
-    /// Writes the filter.
+    /// Writes all but the constants, which are the rig's.
     pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
         let InstrumentFilter { vectors, roll_rate, roll_acceleration, roll_tremor, rotation, .. } = self;
         let InstrumentFilter { pivot, tremor_variance, roll_tremor_variance, voluntary_variance, .. } = self;
-        let InstrumentFilter { nis_ratio, covariance, time_ns, .. } = self;
+        let InstrumentFilter { nis_ratio, covariance, time_ns, tuning: _, .. } = self;
         out.put(time_ns)?;
         out.rotation(rotation)?;
         out.numbers(vectors.iter().flatten())?;
@@ -22,10 +23,10 @@ impl InstrumentFilter {
     }
 
     /// The filter that was saved.
-    pub(crate) fn load(from: &mut Loader<'_>) -> Result<Self, CheckpointError> {
+    pub(crate) fn load(tuning: Tuning, from: &mut Loader<'_>) -> Result<Self, CheckpointError> {
         let time_ns = from.count()?;
         let pivot = Pivot { position: Vector3::zeros(), sigma: 0.0, tracked: false };
-        let mut filter = Self::new(&Isometry3::identity(), &Matrix6::zeros(), Some(pivot), time_ns);
+        let mut filter = Self::new(&Isometry3::identity(), &Matrix6::zeros(), Some(pivot), time_ns, tuning);
         filter.rotation = from.rotation()?;
         from.numbers(filter.vectors.iter_mut().flatten())?;
         let InstrumentFilter { roll_rate, roll_acceleration, voluntary_variance, nis_ratio, .. } =

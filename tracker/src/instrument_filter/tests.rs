@@ -18,7 +18,13 @@ fn through(tip: Vector3<f64>) -> Isometry3<f64> {
 }
 
 fn filter(tip: Vector3<f64>) -> InstrumentFilter {
-    InstrumentFilter::new(&through(tip), &(Matrix6::identity() * 1e-4), Some(pivot()), FIELD_NS)
+    InstrumentFilter::new(
+        &through(tip),
+        &(Matrix6::identity() * 1e-4),
+        Some(pivot()),
+        FIELD_NS,
+        Tuning::default(),
+    )
 }
 
 /// Measures a pose with the covariance `noise`.
@@ -60,8 +66,13 @@ fn the_bank_learns_where_the_tremor_is() {
 
 #[test]
 fn a_trocar_that_comes_into_sight_does_not_jerk_the_shaft() {
-    let mut f =
-        InstrumentFilter::new(&through(Vector3::zeros()), &(Matrix6::identity() * 1e-4), None, FIELD_NS);
+    let mut f = InstrumentFilter::new(
+        &through(Vector3::zeros()),
+        &(Matrix6::identity() * 1e-4),
+        None,
+        FIELD_NS,
+        Tuning::default(),
+    );
     let before = f.pose();
     f.predict(FIELD_NS + 1_000, Some(pivot()));
     assert!(box_minus(&f.pose(), &before).norm() < 1e-4);

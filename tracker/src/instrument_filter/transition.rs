@@ -1,12 +1,30 @@
 //! State transition of an instrument: the transitions of its motion models, applied to the rows of
 //! a covariance or to the states.
 
-use super::{
-    N, PLAY, PLAY_MODEL, ROLL, ROLL_MODEL, ROLL_TREMOR, ROLL_TREMORS, Row, TREMOR, TREMORS, VECTORS,
-    roll_tremor_model, tremor_model, voluntary_model,
-};
+use super::{N, PLAY, ROLL, ROLL_TREMOR, ROLL_TREMORS, Row, TREMOR, TREMORS, VECTORS};
 use crate::block_matrix::{combine_rows, combine_vectors};
+use crate::constants as k;
+use crate::motion_models::{Oscillator, Singer, VoluntaryMotion};
+use crate::tuning::Tuning;
 use nalgebra::Vector3;
+
+pub(super) const PLAY_MODEL: Oscillator = Oscillator { omega: k::PLAY_RAD_S, damping: k::PLAY_DAMPING };
+
+pub(super) fn roll_model(tuning: &Tuning) -> Singer {
+    Singer { sigma: tuning.turn_acceleration_rad_s2, tau_s: tuning.turn_acceleration_tau_s }
+}
+
+pub(super) fn tremor_model(i: usize, tuning: &Tuning) -> Oscillator {
+    Oscillator { omega: 2.0 * std::f64::consts::PI * k::TREMOR_HZ[i], damping: tuning.tremor_damping }
+}
+
+pub(super) fn roll_tremor_model(i: usize) -> Oscillator {
+    Oscillator { omega: 2.0 * std::f64::consts::PI * k::ROLL_TREMOR_HZ[i], damping: k::ROLL_TREMOR_DAMPING }
+}
+
+pub(super) fn voluntary_model(variance: f64, tuning: &Tuning) -> VoluntaryMotion {
+    VoluntaryMotion { sigma: libm::sqrt(variance), tau_s: tuning.voluntary_tau_s }
+}
 
 /// Transitions of all motion models over one time step.
 pub(super) struct StateTransition {
@@ -19,12 +37,12 @@ pub(super) struct StateTransition {
 
 impl StateTransition {
     /// Over `dt` seconds.
-    pub fn new(dt: f64) -> Self {
+    pub fn new(dt: f64, tuning: &Tuning) -> Self {
         StateTransition {
-            voluntary: voluntary_model(1.0).transition(dt),
-            tremor: std::array::from_fn(|i| tremor_model(i).transition(dt)),
+            voluntary: voluntary_model(1.0, tuning).transition(dt),
+            tremor: std::array::from_fn(|i| tremor_model(i, tuning).transition(dt)),
             play: PLAY_MODEL.transition(dt),
-            roll: ROLL_MODEL.transition(dt),
+            roll: roll_model(tuning).transition(dt),
             roll_tremor: std::array::from_fn(|i| roll_tremor_model(i).transition(dt)),
         }
     }

@@ -4,6 +4,7 @@ use super::Tracker;
 use crate::checkpoint::{Done, Loader, Saver, require};
 use crate::constants as k;
 use crate::rig_model::RigModel;
+use crate::tuning::Tuning;
 use protocol::limits::MAX_CAMERAS;
 use protocol::message::fnv1a;
 use rig::Rig;
@@ -17,10 +18,13 @@ const AREA_SCALES: (f64, f64) = (0.4, 2.5);
 #[derive(Clone)]
 pub struct TrackerSnapshot(pub(crate) Box<Tracker>);
 
-/// Names a rig, and whether its drift is estimated.
-pub(super) fn fingerprint(rig: &Rig, estimate_drift: bool) -> u64 {
+/// Names a rig, whether its drift is estimated, and constants that are not the usual ones.
+pub(super) fn fingerprint(rig: &Rig, estimate_drift: bool, tuning: &Tuning) -> u64 {
     let mut bytes = rig.to_json().into_bytes();
     bytes.push(u8::from(estimate_drift));
+    if *tuning != Tuning::default() {
+        bytes.extend(tuning.values().iter().flat_map(|value| value.to_bits().to_le_bytes()));
+    }
     fnv1a(&bytes)
 }
 
@@ -39,6 +43,7 @@ impl Tracker {
     pub(crate) fn take_over(&mut self, mut other: Tracker) {
         std::mem::swap(&mut self.associator, &mut other.associator);
         std::mem::swap(&mut self.acquisition, &mut other.acquisition);
+        std::mem::swap(&mut self.matches, &mut other.matches);
         *self = other;
     }
 
@@ -49,7 +54,7 @@ impl Tracker {
     /// Writes all but what a frame begins with anew.
     pub(crate) fn save_state(&self, out: &mut Saver<'_>) -> Done {
         let Tracker { rig, fingerprint: _, drift, watch, without_eye, tracks, fields, .. } = self;
-        let Tracker { area_scales, associator: _, acquisition: _, last_ns, frame, .. } = self;
+        let Tracker { area_scales, associator: _, acquisition: _, matches: _, last_ns, frame, .. } = self;
         let Tracker { cameras_in_frame: _, blobs_refused, .. } = self;
         for count in [u64::from(*without_eye), *last_ns, *frame, *blobs_refused] {
             out.put(&count)?;

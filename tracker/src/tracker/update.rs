@@ -2,10 +2,11 @@
 
 use super::{Group, ORDER, Reference, Tracker};
 use crate::acquisition::AcquisitionInput;
-use crate::associate::{Association, AssociationInput};
+use crate::associate::{Association, AssociationInput, PredictedBody};
 use crate::body_filter::BodyFilter;
 use crate::camera_watch::{BodyUpdate, members};
 use crate::fit::{BlobMatch, PoseFit, PoseProblem, TrocarInWorld, trocar_miss};
+use crate::match_log::UpdateResult;
 use crate::observation::FieldObservation;
 use crate::pose_math::{Matrix6, exp};
 use crate::rig_model::RigModel;
@@ -45,7 +46,7 @@ impl Tracker {
         let mut cameras = 0u32;
         for field in fields {
             let Some(Some(camera)) = self.rig.cameras.get(field.camera as usize) else { continue };
-            let refused = self.fields[field.camera as usize].fill(field, camera);
+            let refused = self.fields[field.camera as usize].fill(field, camera, &self.rig.tuning);
             self.blobs_refused = self.blobs_refused.saturating_add(u64::from(refused));
             cameras |= 1 << field.camera;
         }
@@ -245,7 +246,7 @@ impl Tracker {
         let matches = &estimate.association.matches[body];
         let track = &mut self.tracks[body];
         track.count_near_misses(estimate.association.near_misses[body]);
-        if !track.update(&fit, prior_information, matches, group.time_ns) {
+        if !track.update(&fit, prior_information, matches, group.time_ns, self.rig.tuning.bad_fit) {
             return None;
         }
         track.observe_roll(&self.rig.bodies[body], matches, group.time_ns);
@@ -263,6 +264,32 @@ impl Tracker {
             self.tracks[body].lose();
         }
         Some(fit)
+    }
+
+    /// Every tracked body as predicted at its filter's instant.
+    pub(super) fn predictions(&self) -> [Option<PredictedBody>; BODIES] {
+        std::array::from_fn(|body| self.tracks[body].predicted())
+    }
+
+    /// Records what became of the blobs of an update: of the cameras of the first group, which are not left
+    /// out, those of the second were tracked.
+    pub(super) fn note_matches(
+        &mut self,
+        fields: &[BlobField],
+        [admitted, tracked]: [Group; 2],
+        prior: &[Option<PredictedBody>; BODIES],
+        estimate: &Estimate,
+        accepted: &Fits,
+    ) {
+        let result = UpdateResult {
+            input: tracked.input(&self.rig, &self.fields, &self.area_scales),
+            admitted: admitted.cameras,
+            prior,
+            association: &estimate.association,
+            fits: &estimate.fits,
+            accepted: accepted.each_ref().map(Option::is_some),
+        };
+        self.matches.note(fields, &result);
     }
 
     /// Where the trocar of a body is now, by the newest rotation of the eye.
@@ -332,6 +359,7 @@ impl Tracker {
         let matches = &self.acquisition.matches;
         let cameras = self.cameras_in_frame;
         self.tracks[body].initiate(fit, &self.rig.bodies[body], matches, group.time_ns, cameras, pivot);
+        self.matches.note_found(&self.rig, &self.fields[..], body, &fit.pose, matches);
         for m in matches.iter().filter(|m| !m.outlier) {
             self.fields[m.camera].assign(m.blob);
         }

@@ -1,8 +1,9 @@
 //! Processors, shared memory, limits, binaries.
 
 use super::Check;
-use crate::children::{find_binary, realtime_allowed};
+use crate::children::realtime_allowed;
 use crate::machine::Machine;
+use ipc::programs;
 use protocol::health::Process;
 use rustix::process::{Resource, getrlimit};
 use std::io::IsTerminal;
@@ -99,7 +100,7 @@ fn terminal(is_terminal: bool) -> Check {
 }
 
 fn binary(name: &'static str) -> Check {
-    match find_binary(name) {
+    match programs::find(name) {
         Ok(path) => Check::ok(name, path.display().to_string()),
         Err(_) => Check::fail(name, "not beside vitreo", "cargo build --release --workspace"),
     }

@@ -10,6 +10,7 @@ use protocol::frames::{FrameRecord, PictureHeader};
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::Health;
 use protocol::inputs::InputEvent;
+use protocol::matches::MatchFrame;
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
 use protocol::steps::{CheckpointHeader, StepRecord};
@@ -29,6 +30,7 @@ pub struct ChannelTap {
     handles: Receiver<HandleState>,
     pedal: Receiver<PedalState>,
     poses: Receiver<TrackerFrame>,
+    matches: Receiver<MatchFrame>,
     steps: Receiver<StepRecord>,
     events: Receiver<Event>,
     frames: Receiver<FrameRecord>,
@@ -83,6 +85,7 @@ impl ChannelTap {
             handles: instance.receiver(Queue::InOrder)?,
             pedal: instance.receiver(Queue::InOrder)?,
             poses: instance.receiver(Queue::InOrder)?,
+            matches: instance.receiver(Queue::InOrder)?,
             steps: instance.receiver(Queue::InOrder)?,
             events: instance.receiver(Queue::InOrder)?,
             frames: instance.receiver(Queue::InOrder)?,
@@ -96,12 +99,13 @@ impl ChannelTap {
         })
     }
 
-    fn sources(&self) -> [&dyn Wakes; 14] {
+    fn sources(&self) -> [&dyn Wakes; 15] {
         [
             &self.blobs,
             &self.handles,
             &self.pedal,
             &self.poses,
+            &self.matches,
             &self.steps,
             &self.events,
             &self.frames,
@@ -144,6 +148,7 @@ impl ChannelTap {
         drain(&mut self.handles, now, Item::Handle, &mut take)?;
         drain(&mut self.pedal, now, Item::Pedal, &mut take)?;
         poses.into_iter().chain(steps).for_each(|(at, item)| take(at, item));
+        drain(&mut self.matches, now, |m| Item::Matches(Box::new(m)), &mut take)?;
         drain(&mut self.events, now, Item::Event, &mut take)?;
         drain(&mut self.frames, now, Item::Frame, &mut take)?;
         of_tracker.into_iter().chain(checkpoint).for_each(|item| take(now, item));
@@ -162,6 +167,7 @@ impl ChannelTap {
             (HandleState::CHANNEL, self.handles.counts()),
             (PedalState::CHANNEL, self.pedal.counts()),
             (TrackerFrame::CHANNEL, self.poses.counts()),
+            (MatchFrame::CHANNEL, self.matches.counts()),
             (StepRecord::CHANNEL, self.steps.counts()),
             (Event::CHANNEL, self.events.counts()),
             (FrameRecord::CHANNEL, self.frames.counts()),

@@ -2,6 +2,7 @@
 
 use super::options::{RunArgs, View};
 use protocol::budget::Stage;
+use protocol::file::STDIN;
 use protocol::health::Process;
 use settings::commands::processes::{Arguments, PictureArgs, VirtualRigArgs};
 use std::path::PathBuf;
@@ -62,7 +63,11 @@ impl RunArgs {
     fn to_virtual_rig(&self, args: &mut Arguments, remaining_s: Option<f64>, restarts: u32) {
         let fault_log = self.numbered_option(self.virtual_rig.fault_log.as_ref(), restarts);
         args.flag("--force", self.outputs.force.force && fault_log.is_some());
-        VirtualRigArgs { fault_log, ..self.virtual_rig.clone() }.hand_on(args);
+        // Its own standard input is closed: it opens ours.
+        let ours = || format!("/proc/{}/fd/0", std::process::id()).into();
+        let is_stdin = |blobs: &PathBuf| blobs.as_os_str() == STDIN;
+        let blobs = self.virtual_rig.blobs.clone().map(|blobs| if is_stdin(&blobs) { ours() } else { blobs });
+        VirtualRigArgs { fault_log, blobs, ..self.virtual_rig.clone() }.hand_on(args);
         args.value("--duration", remaining_s);
         args.value("--after-round", self.after_round);
         let late = self.delay_ms(Stage::CameraWait).map(|ms| format!("{LATE_CAMERA}={ms}"));

@@ -344,6 +344,9 @@ impl Report {
             let why = p.tiers.last().map_or("", |choice| choice.reason);
             writeln!(out, " ({why}; {} choices)", p.tiers.len())?;
         }
+        for (i, line) in self.tracking.lines.iter().enumerate() {
+            writeln!(out, "{} {line}", if i == 0 { "tracking:" } else { "         " })?;
+        }
         if !self.events.is_empty() {
             let events: Vec<String> = self.events.iter().map(|(k, n)| format!("{k} {n}")).collect();
             writeln!(out, "events: {}", events.join(", "))?;

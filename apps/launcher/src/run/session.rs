@@ -134,6 +134,7 @@ impl Consumers {
                 self.latencies.note_pose(pose);
                 self.tracking.note_frame(pose);
             }
+            Item::Matches(matches) => self.tracking.note_matches(matches),
             Item::Step(step) => self.latencies.note_step(step),
             Item::Frame(frame) => self.latencies.note_frame(frame),
             Item::Event(event) => {

@@ -15,7 +15,7 @@ fn known_after(frame: u64) -> Item {
     let mut run = begin(&recording);
     let mut header = TrackerCheckpointHeader { frame, field: 0, exposed_ns: 0, bytes: 0 };
     let until = |made: Made<'_>| {
-        let Made::Frame(turn, _) = made else { return Ok(ControlFlow::Continue(())) };
+        let Made::Frame(turn, ..) = made else { return Ok(ControlFlow::Continue(())) };
         (header.field, header.exposed_ns) = (turn.recorded.field, turn.recorded.instants.exposed);
         let reached = turn.recorded.frame == frame;
         Ok(if reached { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
@@ -54,7 +54,7 @@ fn determined(file: &Path) -> Vec<u64> {
     let recording = Recording::open(file).unwrap();
     let mut frames = Vec::new();
     let take = |made: Made<'_>| {
-        if let Made::Frame(turn, frame) = made
+        if let Made::Frame(turn, frame, _) = made
             && turn.determined
         {
             let bytes = |frame: &TrackerFrame| bytemuck::bytes_of(&frame.bodies).to_vec();

@@ -1,117 +1,54 @@
 //! A recording drawn again: what the simulation sent, one scene for each picture of a film.
 
 use super::SceneShown;
-use crate::blocks::Blocks;
+use super::pictures::{Pictures, StepShown};
+use crate::engine::{Streamed, stream};
 use crate::resimulate::{scene_of, steps};
-use crate::steps::{Resimulated, StepAgain};
+use crate::steps::Resimulated;
 use anyhow::{Context, ensure};
-use protocol::limits::FIELD_PERIOD_NS;
-use protocol::time::Nanos;
-use recording::Recording;
+use recording::{Recording, Source};
+use rig::Rig;
 use settings::commands::SpanArgs;
 use simcore::world::World;
 use std::ops::ControlFlow;
 
-/// Time from one picture to the next, ns.
-pub const PICTURE_NS: Nanos = 40_000_000;
-/// How far a step's exposure may lie from the instant of a picture that shows it, ns.
-const NEAR_NS: Nanos = FIELD_PERIOD_NS / 2;
-/// Longest time without a step for which a picture stands, ns; instants that lie farther apart are no
-/// film.
-const LONGEST_STAND_NS: Nanos = 3_600_000_000_000;
-
 /// Does every step of a recording again and gives the scene of every 40 ms of `part` to `show`, until
-/// that has enough. Where steps are missing the scene before them stands for them.
+/// that has enough. Where steps are missing the scene before them stands for them. The blobs of an imported
+/// stream, which holds no steps, go through a tracker of `rig`.
 ///
 /// # Errors
 /// Where the recording holds no step in that part, or its scene cannot be simulated; those of `show`.
 pub fn play(
     recording: &Recording,
+    rig: &Rig,
     part: SpanArgs,
     show: &mut impl FnMut(SceneShown) -> anyhow::Result<ControlFlow<()>>,
 ) -> anyhow::Result<Resimulated> {
     let world = World::new(&scene_of(recording)?).context("scene")?;
     let start = recording.exposures().next().unwrap_or(0);
-    let at = |s: f64| start.saturating_add((s * 1e9) as Nanos);
-    let mut pictures = Pictures {
-        blocks: Blocks::new(&world),
-        next: at(part.from),
-        end: part.until.map_or(Nanos::MAX, at),
-        last_step: None,
-        shown: None,
-        show,
+    let mut pictures = Pictures::new(&world, start, part);
+    let done = match recording.provenance().source {
+        Source::Live => steps(recording, world, |again| pictures.take(&StepShown::of(&again), show))?,
+        Source::Import => {
+            let mut done = Resimulated::default();
+            let damage = stream(recording, rig, world, |made| match made {
+                Streamed::Field(..) => Ok(ControlFlow::Continue(())),
+                Streamed::Frame { frame, world, report, .. } => {
+                    done.steps += 1;
+                    pictures.take(&StepShown::made_now(frame, world, report.state_hash), show)
+                }
+            })?;
+            done.damage = damage.map(|damage| damage.to_string());
+            done
+        }
     };
-    let done = steps(recording, world, |again| pictures.take(&again))?;
-    ensure!(pictures.shown.is_some(), "{}: holds no step to be drawn", recording.path().display());
+    ensure!(pictures.has_shown(), "{}: holds no step to be drawn", recording.path().display());
     Ok(done)
-}
-
-/// The pictures of a recording, one after the other.
-struct Pictures<'a, F> {
-    blocks: Blocks,
-    /// Instant of the next picture.
-    next: Nanos,
-    /// Instant of the last one at the latest.
-    end: Nanos,
-    last_step: Option<u64>,
-    shown: Option<SceneShown>,
-    show: &'a mut F,
-}
-
-impl<F: FnMut(SceneShown) -> anyhow::Result<ControlFlow<()>>> Pictures<'_, F> {
-    /// Shows the scene of a step if there is a picture of it; before it those of pictures for which
-    /// there was no step.
-    fn take(&mut self, again: &StepAgain<'_>) -> anyhow::Result<ControlFlow<()>> {
-        let follows = self.last_step.is_none_or(|last| again.step.step == last + 1);
-        self.last_step = Some(again.step.step);
-        if !follows {
-            self.blocks.forget();
-        }
-        let exposed = again.step.instants.exposed;
-        if self.shown.is_none() {
-            self.next = first_picture(self.next, exposed);
-        }
-        let stands_ns = exposed.min(self.end).saturating_sub(self.next);
-        ensure!(
-            self.shown.is_none() || stands_ns <= LONGEST_STAND_NS,
-            "step {}: {} s after the step before; --from or --until leaves that out",
-            again.step.step,
-            stands_ns / 1_000_000_000
-        );
-        while self.shown.is_some() && self.next.saturating_add(NEAR_NS) < exposed && self.next <= self.end {
-            if self.put()?.is_break() {
-                return Ok(ControlFlow::Break(()));
-            }
-        }
-        if self.next > self.end {
-            return Ok(ControlFlow::Break(()));
-        }
-        if self.next <= exposed.saturating_add(NEAR_NS) {
-            let (header, payload) = self.blocks.make(again.world, again.step.instants, again.step.state_hash);
-            let (poses, payload) = (again.poses.clone(), payload.to_vec());
-            self.shown = Some(SceneShown { header, poses, payload });
-            return self.put();
-        }
-        Ok(ControlFlow::Continue(()))
-    }
-
-    /// Gives what is shown as the next picture.
-    fn put(&mut self) -> anyhow::Result<ControlFlow<()>> {
-        let Some(shown) = &self.shown else { return Ok(ControlFlow::Continue(())) };
-        self.next += PICTURE_NS;
-        (self.show)(shown.clone())
-    }
-}
-
-/// Instant of the first picture that a film can show, which was to begin at `next` and whose first step was
-/// exposed at `exposed`: no scene stands for what comes before.
-fn first_picture(next: Nanos, exposed: Nanos) -> Nanos {
-    let missing = exposed.saturating_sub(next.saturating_add(NEAR_NS)).div_ceil(PICTURE_NS);
-    next.saturating_add(missing.saturating_mul(PICTURE_NS))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::pictures::{NEAR_NS, PICTURE_NS};
     use super::*;
     use protocol::geometry::Pose;
     use protocol::poses::{EYE, TrackerFrame};
@@ -144,7 +81,9 @@ mod tests {
             scenes.push((shown.header, *shown.poses));
             Ok(ControlFlow::Continue(()))
         };
-        let done = play(&Recording::open(file).unwrap(), part, &mut show).unwrap();
+        let done =
+            play(&Recording::open(file).unwrap(), &Rig::load_or_shipped(None).unwrap(), part, &mut show)
+                .unwrap();
         (done, scenes)
     }
 
@@ -207,29 +146,18 @@ mod tests {
     }
 
     #[test]
-    fn a_film_whose_beginning_is_missing_begins_with_its_first_step() {
-        assert_eq!(first_picture(100, 100), 100);
-        assert_eq!(first_picture(100, 100 + NEAR_NS), 100, "the picture that shows it");
-        assert_eq!(first_picture(5 * PICTURE_NS, PICTURE_NS), 5 * PICTURE_NS, "it is yet to come");
-        for exposed in [2_416_000_000_123, 2_416_000_000_000, PICTURE_NS + NEAR_NS + 1] {
-            let first = first_picture(0, exposed);
-            assert!(
-                first.is_multiple_of(PICTURE_NS)
-                    && first + NEAR_NS >= exposed
-                    && first < exposed + PICTURE_NS
-            );
-        }
-        first_picture(0, Nanos::MAX);
-    }
-
-    #[test]
     fn a_recording_without_steps_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("empty.mcap");
         let writer = Writer::create(&file, Recording::open(&golden()).unwrap().provenance()).unwrap();
         writer.finish().unwrap();
         let mut show = |_| unreachable!("there is nothing to show");
-        let told = play(&Recording::open(&file).unwrap(), SpanArgs::default(), &mut show);
+        let told = play(
+            &Recording::open(&file).unwrap(),
+            &Rig::load_or_shipped(None).unwrap(),
+            SpanArgs::default(),
+            &mut show,
+        );
         let told = told.unwrap_err().to_string();
         assert!(told.contains("empty.mcap") && told.contains("no step"), "{told}");
     }

@@ -4,7 +4,7 @@ use super::{SceneShown, recorded, scripted};
 use crate::resimulate::{scene_of, tell_of_film};
 use anyhow::{Context, bail};
 use outputs::exit::WrongUse;
-use recording::{Recording, Source};
+use recording::Recording;
 use rig::Rig;
 use scene::SceneFile;
 use settings::commands::{FilmArgs, SpanArgs};
@@ -85,14 +85,6 @@ impl Subject {
         }
         let recording = Recording::open(file)?;
         let provenance = recording.provenance();
-        if provenance.source == Source::Import {
-            let file = file.display();
-            bail!(
-                "{file}: an imported stream holds blobs and no steps to be drawn: vitreo export {file} --blobs \
-                 b.jsonl --rig rig.json, then vitreo run --blobs b.jsonl --rig rig.json --scene NAME --record r.mcap \
-                 makes a recording that has them"
-            );
-        }
         args.span.check(recording.path(), || recording.exposed_s())?;
         let rig = Rig::parse(&provenance.rig_json, "of the recording")?;
         let (scene, length_s) = (scene_of(&recording)?, args.span.length_s(recording.exposed_s()));
@@ -119,7 +111,7 @@ impl Subject {
                 Ok(0)
             }
             Kind::Recording(recording, part) => {
-                Ok(tell_of_film(recording.path(), &recorded::play(recording, *part, show)?))
+                Ok(tell_of_film(recording.path(), &recorded::play(recording, &self.rig, *part, show)?))
             }
         }
     }

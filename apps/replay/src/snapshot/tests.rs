@@ -24,7 +24,7 @@ impl Told {
     /// Notes what was made; enough once no step is `left`.
     fn take(&mut self, made: Made<'_>, left: &mut usize) -> ControlFlow<()> {
         self.made.push(match made {
-            Made::Frame(turn, frame) => {
+            Made::Frame(turn, frame, _) => {
                 let mut bytes = bytemuck::bytes_of(frame).to_vec();
                 bytes.extend(format!("{} {:?}", turn.determined, turn.lost).bytes());
                 bytes

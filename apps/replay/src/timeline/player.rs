@@ -5,11 +5,14 @@ use crate::engine::{Made, Recorded};
 use crate::snapshot::Snapshot;
 use anyhow::Context;
 use protocol::events::Event;
+use protocol::poses::TrackerFrame;
+use protocol::steps::StepRecord;
 use recording::Recording;
 use rig::Rig;
 use simcore::world::World;
 use std::collections::VecDeque;
 use std::ops::ControlFlow;
+use std::sync::Arc;
 
 /// Steps from one copy to the next.
 const COPY_EVERY: usize = 10;
@@ -26,10 +29,24 @@ pub struct Player {
     run: Recorded,
     begin: Snapshot,
     at: Option<Moment>,
-    copies: VecDeque<(Moment, Snapshot)>,
+    /// The step behind which the run stands, as far as it was done since the last leap.
+    last: Option<Arc<LastStep>>,
+    copies: VecDeque<(Moment, Copy)>,
     /// Steps since the last copy.
     since_copy: usize,
 }
+
+/// A step, with what is to be seen of it besides the world.
+#[derive(Debug)]
+pub struct LastStep {
+    /// Its record, with the state and the advance that came of it now.
+    pub record: StepRecord,
+    /// The poses that this tracker makes of its frame, else the recorded ones.
+    pub poses: TrackerFrame,
+}
+
+/// A copy of the run, and the step behind which it stands.
+type Copy = (Snapshot, Option<Arc<LastStep>>);
 
 impl Player {
     /// At the beginning of a recording, in a world at the start of its scene.
@@ -37,12 +54,29 @@ impl Player {
     /// # Errors
     /// Where the recording's rig is refused.
     pub fn new(timeline: Timeline, world: World) -> anyhow::Result<Self> {
+        Self::begin(timeline, world, |run| run)
+    }
+
+    /// As [`Player::new`], with the recorded poses in the place of a tracker.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn as_recorded(timeline: Timeline, world: World) -> anyhow::Result<Self> {
+        Self::begin(timeline, world, Recorded::as_recorded)
+    }
+
+    fn begin(
+        timeline: Timeline,
+        world: World,
+        how: impl FnOnce(Recorded) -> Recorded,
+    ) -> anyhow::Result<Self> {
         let recording = timeline.recording();
         let rig = Rig::parse(&recording.provenance().rig_json, "of the recording")?;
         tracker::rig_check::check(&rig).context("the recording's rig cannot work")?;
-        let run = Recorded::new(recording, &rig, world);
+        let run = how(Recorded::new(recording, &rig, world));
         let begin = run.snapshot();
-        Ok(Player { timeline, run, begin, at: None, copies: VecDeque::new(), since_copy: 0 })
+        let copies = VecDeque::new();
+        Ok(Player { timeline, run, begin, at: None, last: None, copies, since_copy: 0 })
     }
 
     /// The timeline.
@@ -70,6 +104,11 @@ impl Player {
         self.at
     }
 
+    /// The step behind which the run stands; `None` before the first.
+    pub fn last(&self) -> Option<&LastStep> {
+        self.last.as_deref()
+    }
+
     /// Plays on until `visit` has enough, or to the end; true where `visit` had enough.
     ///
     /// # Errors
@@ -83,6 +122,8 @@ impl Player {
             let stopped = self.run.run(|made| {
                 if let Made::Step(again) = &made {
                     self.at = Some(Moment::of(&again.recorded));
+                    let poses = *again.made.as_deref().unwrap_or(&again.poses);
+                    self.last = Some(Arc::new(LastStep { record: again.step, poses }));
                     self.since_copy += 1;
                 }
                 enough = visit(made)?.is_break();
@@ -117,7 +158,7 @@ impl Player {
                 let at = Moment::of_state(self.world().state());
                 // Else the place was passed while the run caught up with what was under way.
                 if !target.is_reached(&at) {
-                    self.at = Some(at);
+                    (self.at, self.last) = (Some(at), None);
                     return self.run_to(target);
                 }
             }
@@ -131,7 +172,7 @@ impl Player {
     /// # Errors
     /// Where the world is of another scene.
     pub fn rewind(&mut self) -> anyhow::Result<()> {
-        self.at = None;
+        (self.at, self.last) = (None, None);
         Ok(self.run.restore(&self.begin)?)
     }
 
@@ -142,36 +183,40 @@ impl Player {
     /// Where the world is of another scene.
     pub fn step_back(&mut self) -> anyhow::Result<Option<Moment>> {
         let Some(now) = self.at else { return Ok(None) };
-        let (from, copy) = self.go_before(&now)?;
-        let mut steps = 0;
-        while self.step_forward()?.is_some_and(|at| at.exposed_ns < now.exposed_ns) {
-            steps += 1;
-        }
-        self.run.restore(&copy)?;
-        self.at = from;
-        for _ in 0..steps {
-            self.step_forward()?;
-        }
-        Ok(self.at)
-    }
-
-    /// Goes to a place a little before a step; where that is, and a copy of the run there.
-    fn go_before(&mut self, now: &Moment) -> anyhow::Result<(Option<Moment>, Snapshot)> {
-        if let Some((at, copy)) = self.copy_before(now) {
-            self.run.restore(&copy)?;
-            self.at = Some(at);
-            return Ok((self.at, copy));
-        }
         let mut back_ns = BACK_NS;
-        while let Some(target) = now.exposed_ns.checked_sub(back_ns) {
-            self.seek(Target::Exposed(target))?;
-            if self.at.is_some_and(|at| at.exposed_ns < now.exposed_ns) {
-                return Ok((self.at, self.run.snapshot()));
+        loop {
+            let start = match self.copy_before(&now) {
+                Some((at, (copy, last))) => {
+                    self.run.restore(&copy)?;
+                    (self.at, self.last) = (Some(at), last);
+                    Some(copy)
+                }
+                None => {
+                    let target = now.exposed_ns.checked_sub(back_ns);
+                    back_ns = back_ns.saturating_mul(4);
+                    match target {
+                        Some(target) => drop(self.seek(Target::Exposed(target))?),
+                        None => self.rewind()?,
+                    }
+                    None
+                }
+            };
+            let begin = start.unwrap_or_else(|| self.run.snapshot());
+            let (from, last) = (self.at, self.last.clone());
+            if from.is_some_and(|at| at.exposed_ns >= now.exposed_ns) {
+                continue;
             }
-            back_ns = back_ns.saturating_mul(4);
+            let mut steps = 0;
+            while self.step_forward()?.is_some_and(|at| at.exposed_ns < now.exposed_ns) {
+                steps += 1;
+            }
+            self.run.restore(&begin)?;
+            (self.at, self.last) = (from, last);
+            for _ in 0..steps {
+                self.step_forward()?;
+            }
+            return Ok(self.at);
         }
-        self.rewind()?;
-        Ok((None, self.run.snapshot()))
     }
 
     /// Goes to the first step behind this one with an event; the first of its events, or `None` where there is
@@ -225,11 +270,11 @@ impl Player {
         if self.copies.len() == COPIES {
             self.copies.pop_front();
         }
-        self.copies.push_back((at, self.run.snapshot()));
+        self.copies.push_back((at, (self.run.snapshot(), self.last.clone())));
     }
 
     /// The nearest copy before a step.
-    fn copy_before(&self, now: &Moment) -> Option<(Moment, Snapshot)> {
+    fn copy_before(&self, now: &Moment) -> Option<(Moment, Copy)> {
         let reach = now.exposed_ns.saturating_sub(COPY_REACH_NS)..now.exposed_ns;
         let near = self.copies.iter().filter(|(at, _)| reach.contains(&at.exposed_ns));
         near.max_by_key(|(at, _)| at.exposed_ns).cloned()

@@ -18,6 +18,7 @@ impl Recorded {
     /// For a copy of a run of another scene.
     pub(crate) fn resume(&mut self, begin: &Snapshot, place: &Place, known: Known) -> anyhow::Result<bool> {
         self.restore(begin)?;
+        self.begins_with = None;
         self.items.go_to(place);
         let Known { world: (header, state), mut tracker, from_ns } = known;
         let until_ns: Nanos = from_ns.saturating_add(BEHIND_NS);
@@ -48,7 +49,8 @@ impl Recorded {
     }
 
     fn restore_tracker(&mut self, state: &[u8]) -> bool {
-        let Some((tracker, _)) = &mut self.tracker else { return false };
+        // With the recorded poses there is none.
+        let Some((tracker, _)) = &mut self.tracker else { return true };
         match tracker.restore(state) {
             Ok(()) => self.frames.go_on_determined(),
             Err(problem) => {

@@ -35,7 +35,7 @@ pub fn save(
                 return Err(Stopped.into());
             }
             match made {
-                Made::Frame(turn, made) if due(made.instants.exposed) => {
+                Made::Frame(turn, made, _) if due(made.instants.exposed) => {
                     wanted.insert(made.instants.exposed);
                     frame = turn.determined.then(|| (turn.recorded.instants.tracked, header_of(made)));
                 }

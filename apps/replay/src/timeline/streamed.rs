@@ -40,7 +40,7 @@ pub fn save(
                 progress(bytes);
                 write(now_ns, &Item::Blobs(Box::new(*field)))?;
             }
-            Streamed::Frame { frame, tracker, world, report } => {
+            Streamed::Frame { frame, tracker, world, report, .. } => {
                 write(now_ns, &Item::Poses(Box::new(*frame)))?;
                 write(now_ns, &Item::Step(record_of(frame, world, &report, now_ns)))?;
                 due |= times.after_frame(frame.instants.exposed);

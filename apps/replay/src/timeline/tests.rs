@@ -27,7 +27,7 @@ enum Came {
 
 fn came(made: &Made<'_>) -> Came {
     match made {
-        Made::Frame(turn, frame) => {
+        Made::Frame(turn, frame, _) => {
             let mut bytes = bytemuck::bytes_of(*frame).to_vec();
             bytes.extend(format!("{} {:?}", turn.determined, turn.lost).bytes());
             Came::Frame(bytes)

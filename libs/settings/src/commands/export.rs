@@ -4,7 +4,7 @@ use outputs::Force;
 use std::path::PathBuf;
 
 /// Topics that can be written as tables.
-pub const TABLES: [&str; 9] = [
+pub const TABLES: [&str; 10] = [
     "handles",
     "pedal",
     "steps",
@@ -14,6 +14,7 @@ pub const TABLES: [&str; 9] = [
     "checkpoints",
     "tracker-checkpoints",
     "pictures",
+    "matches",
 ];
 
 /// Arguments of `vitreo export`.
@@ -47,7 +48,7 @@ pub struct What {
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
     /// Write a topic as a table: handles, pedal, steps, events, frames, notes, checkpoints,
-    /// tracker-checkpoints, pictures.
+    /// tracker-checkpoints, pictures, matches (a row a blob).
     #[arg(long, value_name = "TOPIC", value_parser = TABLES)]
     pub csv: Option<String>,
 }

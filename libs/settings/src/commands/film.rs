@@ -1,7 +1,7 @@
 //! The command line of `vitreo film`.
 
-use super::arrangement::{Arrangement, of_films};
-use super::{FundusArgs, SpanArgs};
+use super::drawing::seconds;
+use super::{DrawingArgs, SpanArgs};
 use outputs::{Force, video_file};
 use std::path::PathBuf;
 
@@ -31,37 +31,18 @@ pub struct FilmArgs {
     /// none where stills are asked for].
     #[arg(short, long, value_name = "FILE.mp4|FILE.y4m", value_parser = video_file)]
     pub output: Option<PathBuf>,
-    /// Stills into this folder, named by their instants in s. Without a film nothing else is drawn.
-    #[arg(long, value_name = "DIR")]
-    pub stills: Option<PathBuf>,
-    /// Time from one still to the next, s.
-    #[arg(long, value_name = "S", default_value_t = 5.0, value_parser = seconds, requires = "stills")]
-    pub every: f64,
-    /// Stills are JPEG of at most so many kB instead of PNG.
-    #[arg(long, value_name = "KB", requires = "stills")]
-    pub jpeg: Option<u32>,
-    /// Quality tier of the picture, 0 (2×1280×1024) to 8 [default: 1 of a module, 0 of a recording].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..9))]
-    pub tier: Option<u32>,
-    /// The fundus photograph.
+    /// Stills, and how all pictures are drawn.
     #[command(flatten)]
-    pub fundus: FundusArgs,
-    /// How the two channels share the picture: side-by-side, anaglyph, interleaved, left or right.
-    #[arg(long, value_name = "HOW", default_value_t, value_parser = of_films(), hide_possible_values = true)]
-    pub arrange: Arrangement,
+    pub drawing: DrawingArgs,
     /// Whether files that exist are written over.
     #[command(flatten)]
     pub force: Force,
 }
 
-fn seconds(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| format!("expected seconds, found '{text}'"))?;
-    if (0.04..=3_600.0).contains(&value) { Ok(value) } else { Err("expected 0.04 to 3600 s".into()) }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::commands::Arrangement;
     use clap::Parser;
 
     #[derive(Parser)]
@@ -75,7 +56,7 @@ mod tests {
         let parse = |words: &[&str]| Line::try_parse_from(std::iter::once(&"film").chain(words));
         let film = parse(&["peeling", "--length", "30", "-o", "a.y4m", "--tier", "3"]).unwrap().film;
         assert_eq!((film.subject.as_str(), film.level, film.length), ("peeling", None, Some(30.0)));
-        assert_eq!((film.tier, film.arrange), (Some(3), Arrangement::SideBySide));
+        assert_eq!((film.drawing.tier, film.drawing.arrange), (Some(3), Arrangement::SideBySide));
         let film = parse(&["a.mcap", "--from", "1.5", "--until", "3", "-o", "a.mp4"]).unwrap().film;
         assert_eq!(film.span, SpanArgs { from: 1.5, until: Some(3.0) });
         for wrong in [

@@ -1,13 +1,14 @@
 //! The command line of `vitreo replay`.
 
-use super::SpanArgs;
 use super::numbers::{not_negative, positive, share};
 use super::processes::CollisionArgs;
-use outputs::Force;
+use super::{DrawingArgs, SpanArgs, WhatIfArgs};
+use outputs::{Force, video_file};
 use std::path::PathBuf;
 
 /// Arguments of `vitreo replay`.
 #[derive(Debug, clap::Args)]
+#[command(mut_arg("stills", |arg| arg.conflicts_with_all(["window", "interactive"])))]
 pub struct ReplayArgs {
     /// The recording.
     #[arg(value_name = "FILE.mcap")]
@@ -28,7 +29,7 @@ pub struct ReplayArgs {
     #[command(flatten)]
     pub span: SpanArgs,
     /// Begin again at the end, until Ctrl-C.
-    #[arg(long = "loop", conflicts_with_all = ["verify", "poses", "blobs", "report"])]
+    #[arg(long = "loop", conflicts_with_all = ["verify", "poses", "blobs", "report", "video", "stills"])]
     pub endless: bool,
     /// Write the poses.
     #[arg(long, value_name = "OUT.csv")]
@@ -45,6 +46,27 @@ pub struct ReplayArgs {
     /// Write the blob stream that was replayed.
     #[arg(long, value_name = "OUT.jsonl")]
     pub blobs: Option<PathBuf>,
+    /// Draw off-screen, as fast as it can be computed (what --video and --stills do without --window).
+    #[arg(long, conflicts_with = "window")]
+    pub headless: bool,
+    /// Show the replay in a window, at its pace; keys stop, step and move it (H shows them).
+    #[arg(long, conflicts_with_all = ["verify", "poses", "blobs", "report", "assert_tracking"])]
+    pub window: bool,
+    /// Stop, step and move the replay by keys in the terminal, with or without the window (h shows them).
+    #[arg(long, conflicts_with_all = ["verify", "poses", "blobs", "report", "assert_tracking", "video", "headless"])]
+    pub interactive: bool,
+    /// Write a film, by its ending MP4 (H.264), or Y4M without compression.
+    #[arg(long, value_name = "FILE.mp4|FILE.y4m", value_parser = video_file, conflicts_with = "window")]
+    pub video: Option<PathBuf>,
+    /// Stills, and how all pictures are drawn.
+    #[command(flatten)]
+    pub drawing: DrawingArgs,
+    /// Show the recorded poses instead of what this tracker makes of the recorded blobs.
+    #[arg(long, conflicts_with = "verify")]
+    pub as_recorded: bool,
+    /// What is changed.
+    #[command(flatten)]
+    pub what_if: WhatIfArgs,
     /// Who looks for collisions.
     #[command(flatten)]
     pub collision: CollisionArgs,
@@ -57,7 +79,56 @@ pub struct ReplayArgs {
     /// Whether files that exist are written over.
     #[command(flatten)]
     pub force: Force,
-    /// Does nothing any more: a replay needs no processes of its own.
-    #[arg(long, value_name = "NAME", hide = true)]
+    /// Name of the simulator that the window's renderer belongs to [default: replay].
+    #[arg(long, value_name = "NAME", hide_short_help = true)]
     pub instance: Option<String>,
+}
+
+impl ReplayArgs {
+    /// Whether a film or stills are drawn.
+    pub fn draws(&self) -> bool {
+        self.video.is_some() || self.drawing.stills.is_some()
+    }
+
+    /// Whether somebody watches it, who can stop and move it.
+    pub fn is_watched(&self) -> bool {
+        self.window || self.interactive
+    }
+
+    /// As fast as it can be computed: nobody watches it.
+    pub fn is_unpaced(&self) -> bool {
+        self.lockstep || self.headless || self.draws()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        replay: ReplayArgs,
+    }
+
+    #[test]
+    fn pictures_are_drawn_at_full_speed_or_shown_at_their_pace() {
+        let parse = |words: &[&str]| Line::try_parse_from(["replay", "a.mcap"].iter().chain(words));
+        let unpaced = |words: &[&str]| parse(words).unwrap().replay.is_unpaced();
+        assert!(!unpaced(&[]) && !unpaced(&["--window", "--rate", "2"]));
+        assert!(unpaced(&["--stills", "s", "--every", "1"]) && unpaced(&["--video", "a.y4m", "--verify"]));
+        assert!(parse(&["--video", "a.mp4"]).unwrap().replay.draws());
+        for wrong in [
+            &["--window", "--headless"][..],
+            &["--window", "--video", "a.mp4"],
+            &["--window", "--stills", "s"],
+            &["--video", "a.avi"],
+            &["--loop", "--video", "a.mp4"],
+            &["--as-recorded", "--verify"],
+            &["--every", "1"],
+        ] {
+            assert!(parse(wrong).is_err(), "{wrong:?} was taken");
+        }
+    }
 }

@@ -16,6 +16,7 @@ use protocol::handles::{HandleState, PedalState};
 use protocol::health::Health;
 use protocol::inputs::{Hint, InputEvent};
 use protocol::limits::BODIES;
+use protocol::matches::{MatchFrame, MatchedBlob};
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
 use protocol::predict::predict;
@@ -33,6 +34,7 @@ pub fn targets() -> Vec<Target> {
         target::<HandleState>("handle", |b| take(b, |h: &HandleState, rare| item(rare, || Item::Handle(*h)))),
         target::<PedalState>("pedal", |b| take(b, |p: &PedalState, rare| item(rare, || Item::Pedal(*p)))),
         target::<TrackerFrame>("poses", |b| take(b, poses)),
+        target::<MatchFrame>("matches", |b| take(b, matches)),
         target::<SceneHeader>("scene-block", |b| take(b, scene_header)),
         target::<StepRecord>("step", |b| take(b, step)),
         target::<CheckpointHeader>("checkpoint", |b| {
@@ -73,8 +75,12 @@ fn seeds<M: Message>() -> Vec<Vec<u8>> {
 /// A block that passes validation.
 fn valid<M: Message>() -> Vec<u8> {
     let zero = bytemuck::bytes_of(&M::zeroed()).to_vec();
-    let tries: [Vec<u8>; 3] =
-        [bytemuck::bytes_of(&a_field()).to_vec(), bytemuck::bytes_of(&a_scene()).to_vec(), zero];
+    let tries: [Vec<u8>; 4] = [
+        bytemuck::bytes_of(&a_field()).to_vec(),
+        bytemuck::bytes_of(&a_scene()).to_vec(),
+        bytemuck::bytes_of(&some_matches()).to_vec(),
+        zero,
+    ];
     let fits = |block: &&Vec<u8>| {
         block.len() == size_of::<M>() && bytemuck::pod_read_unaligned::<M>(block).validate().is_ok()
     };
@@ -88,6 +94,15 @@ fn a_field() -> FieldHeader {
         (3, 47_000_000, 49_000_000, 64_000);
     (header.format, header.width, header.height, header.lines) = (1, 720, 288, 4);
     header
+}
+
+fn some_matches() -> MatchFrame {
+    let mut frame = MatchFrame { exposed_ns: 1, field_count: 2, ..Zeroable::zeroed() };
+    for field in frame.fields_mut() {
+        (0..3).for_each(|blob| field.push(MatchedBlob { blob, nis: 1.0, ..Zeroable::zeroed() }));
+        field.push_missed(Zeroable::zeroed());
+    }
+    frame
 }
 
 fn a_scene() -> SceneHeader {
@@ -170,6 +185,13 @@ fn poses(frame: &TrackerFrame, rare: bool) {
         csv.predicted(frame, frame.instants.tracked, frame.instants.tracked).expect("memory");
     }
     item(rare, || Item::Poses(Box::new(*frame)));
+}
+
+fn matches(frame: &MatchFrame, rare: bool) {
+    let blobs = || frame.fields().iter().flat_map(|f| f.blobs());
+    black_box(blobs().filter_map(|b| b.predicted_px().zip(b.marker())).count());
+    black_box(blobs().map(|b| b.outcome().text().len()).sum::<usize>());
+    item(rare, || Item::Matches(Box::new(*frame)));
 }
 
 fn scene_header(header: &SceneHeader, rare: bool) {

@@ -93,7 +93,7 @@ fn follow(player: &mut Player) -> anyhow::Result<usize> {
     let (mut steps, mut compared) = (0, 0);
     player.play(|made| {
         match made {
-            Made::Frame(turn, frame) => {
+            Made::Frame(turn, frame, _) => {
                 let bodies =
                     |frame: &protocol::poses::TrackerFrame| bytemuck::bytes_of(&frame.bodies).to_vec();
                 ensure!(turn.determined, "frame {} is not determined: {:?}", frame.frame, turn.lost);

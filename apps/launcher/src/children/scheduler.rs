@@ -1,0 +1,31 @@
+//! How a program is started under a scheduler.
+
+use ipc::programs::set_environment;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::sync::OnceLock;
+
+/// Priority of real-time processes, 1 to 99; above ordinary ones, below the kernel's own threads.
+const REALTIME_PRIORITY: &str = "10";
+
+/// True if `chrt` is there and this user may start real-time processes. Tried once.
+pub fn realtime_allowed() -> bool {
+    static ALLOWED: OnceLock<bool> = OnceLock::new();
+    *ALLOWED.get_or_init(|| {
+        let mut attempt = Command::new("chrt");
+        attempt.args(["--rr", REALTIME_PRIORITY, "true"]);
+        attempt.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        attempt.status().is_ok_and(|s| s.success())
+    })
+}
+
+/// The command that runs a program, with `realtime` under the real-time scheduler.
+pub fn scheduled_command(program: &Path, realtime: bool) -> Command {
+    let mut command = Command::new(if realtime { Path::new("chrt") } else { program });
+    if realtime {
+        // `chrt` replaces itself by the program: the child's id is the program's.
+        command.args(["--rr", REALTIME_PRIORITY]).arg(program);
+    }
+    set_environment(&mut command);
+    command
+}

@@ -1,0 +1,84 @@
+//! `vitreo diff`: two recordings beside each other, from their inputs to what came of them, and the cause
+//! of what differs.
+//!
+//! - [`side`]: what is read of each; [`inputs`], [`poses`], [`events`], [`outcome`], [`provenance`]: what
+//!   differs, stage by stage; [`spectrum`]: pose differences in bands of frequency
+//! - [`causes`]: the catalogue of causes; `from_provenance` reads them from rig, scene and settings,
+//!   `from_inputs` from presence, stamps and blobs ([`blobs`] matches them, [`models`] says what each cause
+//!   does to them)
+//! - [`comparison`]: all of it together; `text` and [`page`]: for people
+
+pub mod blobs;
+pub mod causes;
+pub mod comparison;
+pub mod events;
+mod from_inputs;
+mod from_provenance;
+pub mod inputs;
+pub mod models;
+pub mod outcome;
+pub mod page;
+pub mod poses;
+pub mod provenance;
+pub mod side;
+pub mod spectrum;
+mod text;
+
+use crate::plot::{Format, bytes};
+use anyhow::Context;
+use comparison::Comparison;
+use ipc::logging::warn;
+use outputs::exit::DIFFERS;
+use outputs::progress::counter;
+use outputs::{Outputs, STDOUT, print};
+use settings::commands::DiffArgs;
+use side::Side;
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Runs it. Exit code 5 where the recordings differ by more than the tolerance.
+///
+/// # Errors
+/// Where a file is no recording, or an output cannot be written.
+pub fn run(args: &DiffArgs) -> anyhow::Result<ExitCode> {
+    let mut outputs = Outputs::new(args.force.force).reading_all([&args.a, &args.b]);
+    for path in [&args.json, &args.plot, &args.html].into_iter().flatten() {
+        outputs.claim(path)?;
+    }
+    let [a, b] = read(&args.a, &args.b, !args.quick)?;
+    let comparison = Comparison::of(&a, &b, args.tolerance);
+    for (side, name) in [(&a, "A"), (&b, "B")] {
+        side.losses.iter().take(1).for_each(|loss| warn(&format!("{name} is not whole: {loss}")));
+    }
+    if args.json.as_deref() != Some(Path::new(STDOUT)) {
+        print!("{}", text::text(&comparison));
+    }
+    if let Some(path) = &args.plot {
+        outputs.write(path, bytes(&page::plot(&comparison), Format::of(path)?)?)?;
+    }
+    if let Some(path) = &args.html {
+        outputs.write(path, page::html(&comparison)?)?;
+    }
+    if let Some(path) = &args.json {
+        outputs.write(path, serde_json::to_string_pretty(&comparison)? + "\n")?;
+    }
+    Ok(if comparison.same { ExitCode::SUCCESS } else { ExitCode::from(DIFFERS) })
+}
+
+/// Reads both recordings at the same time.
+///
+/// # Errors
+/// Where one of them is no recording.
+pub fn read(a: &Path, b: &Path, with_score: bool) -> anyhow::Result<[Side; 2]> {
+    let bar = counter("items read");
+    let read = |file: &Path| Side::read(file, with_score, |items| bar.inc(items));
+    let [a, b] = std::thread::scope(|scope| {
+        let other = scope.spawn(|| read(b));
+        [read(a), other.join().expect("reading does not panic")]
+    });
+    bar.finish_and_clear();
+    Ok([a.context("A")?, b.context("B")?])
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,298 @@
+//! Blobs of two recordings, matched field by field: how far each moved, which marker it is of, where that
+//! marker is and how it moves. What a cause predicts of this is in [`super::models`].
+
+use super::inputs::FieldPair;
+use super::side::{BlobSeen, FieldSeen, FrameSeen, Side};
+use nalgebra::{Isometry3, Matrix3, Point3, Vector2, Vector3};
+use protocol::geometry::{Pose, Validity};
+use protocol::limits::{BODIES, FIELD_PERIOD_NS};
+use protocol::poses::BODY_NAMES;
+use rig::Rig;
+use rig::camera::Camera;
+
+/// Field pairs looked at for each camera; more tell nothing new.
+const FIELDS: usize = 400;
+/// Field pairs by which the common shift of a camera's blobs is found.
+const VOTING_FIELDS: usize = 60;
+/// Largest common shift, px: a turn by more than 2°.
+const LARGEST_SHIFT_PX: f64 = 60.0;
+/// Bin of that vote, px.
+const BIN_PX: f64 = 4.0;
+/// Largest distance of a matched blob from the common shift, px.
+const REACH_PX: f64 = 12.0;
+/// Largest distance of a blob from the projection of its marker, px.
+const MARKER_REACH_PX: f64 = 5.0;
+/// Largest distance of a blob from itself one field before or behind, px.
+const STEP_REACH_PX: f64 = 25.0;
+
+/// Marker of a body of the rig, both by their places in the file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct MarkerId {
+    /// Index of the body.
+    pub body: usize,
+    /// Index of the marker.
+    pub marker: usize,
+}
+
+/// A blob in both recordings.
+#[derive(Debug, Clone)]
+pub struct BlobPair {
+    /// Camera id.
+    pub camera: u32,
+    /// Centre in the first recording, px of the frame.
+    pub a_px: Vector2<f64>,
+    /// How far it is moved in the second, px.
+    pub moved_px: Vector2<f64>,
+    /// Its marker; none where poses do not tell it.
+    pub marker: Option<MarkerId>,
+    /// The marker in the world, mm; on the blob's ray, as far as the eye, where it is not known.
+    pub p_in_world: Point3<f64>,
+    /// Rotation of the marker's body.
+    pub world_from_body: Matrix3<f64>,
+    /// Velocity, px/s, and acceleration, px/s².
+    pub motion: [Vector2<f64>; 2],
+}
+
+/// Blobs of a camera.
+#[derive(Debug, Default)]
+pub struct Matched {
+    /// Those with a partner.
+    pub pairs: Vec<BlobPair>,
+    /// Blobs of the first recording in the fields looked at.
+    pub looked_at: usize,
+}
+
+/// What the matching needs to know of the first recording.
+pub struct Matcher<'a> {
+    a: &'a Side,
+    b: &'a Side,
+    rig: &'a Rig,
+    /// A blob of the second recording that is of the first colour counts as of the second.
+    recoloured: Vec<(u32, u32)>,
+}
+
+impl<'a> Matcher<'a> {
+    /// For two recordings. `recoloured`: colours of the second recording, and what they are in the first.
+    pub fn new(a: &'a Side, b: &'a Side, rig: &'a Rig, recoloured: Vec<(u32, u32)>) -> Self {
+        Matcher { a, b, rig, recoloured }
+    }
+
+    fn colour_of(&self, blob: &BlobSeen) -> u32 {
+        self.recoloured.iter().find(|(from, _)| *from == blob.colour).map_or(blob.colour, |(_, to)| *to)
+    }
+
+    /// Matches the blobs of a camera in these pairs of fields.
+    pub fn matched(&self, camera: &Camera, pairs: &[FieldPair]) -> Matched {
+        let mut matched = Matched::default();
+        let shift = self.common_shift(&evenly(pairs, VOTING_FIELDS));
+        for pair in evenly(pairs, FIELDS) {
+            let seen = self.a.blobs_of(&pair.a);
+            matched.looked_at += seen.len();
+            let markers = self.markers(camera, pair.a.exposed_ns);
+            let around = self.around(&pair.a);
+            for blob in seen {
+                let Some(moved_px) = self.partner(blob, &pair.a, &pair.b, shift) else { continue };
+                let Some(motion) = around.as_ref().and_then(|around| around.motion(blob)) else { continue };
+                let (marker, p_in_world, world_from_body) = place(camera, blob, &markers);
+                let a_px = Vector2::from(blob.at_px);
+                matched.pairs.push(BlobPair {
+                    camera: camera.id,
+                    a_px,
+                    moved_px,
+                    marker,
+                    p_in_world,
+                    world_from_body,
+                    motion,
+                });
+            }
+        }
+        matched
+    }
+
+    /// The shift that most pairs of blobs of one colour have in common, px.
+    fn common_shift(&self, pairs: &[FieldPair]) -> Vector2<f64> {
+        let bins = (2.0 * LARGEST_SHIFT_PX / BIN_PX) as usize + 1;
+        let mut votes = vec![0u32; bins * bins];
+        let bin = |shift: f64| ((shift + LARGEST_SHIFT_PX) / BIN_PX).round() as usize;
+        for pair in pairs {
+            for p in self.a.blobs_of(&pair.a) {
+                for q in self.b.blobs_of(&pair.b).iter().filter(|q| self.colour_of(q) == p.colour) {
+                    let shift = Vector2::from(q.at_px) - Vector2::from(p.at_px);
+                    if shift.amax() <= LARGEST_SHIFT_PX {
+                        votes[bin(shift.y) * bins + bin(shift.x)] += 1;
+                    }
+                }
+            }
+        }
+        // Of equal ones the nearest to none.
+        let shift_of = |at: usize| {
+            Vector2::new((at % bins) as f64, (at / bins) as f64) * BIN_PX - Vector2::repeat(LARGEST_SHIFT_PX)
+        };
+        let key = |at: &usize| (votes[*at], std::cmp::Reverse(shift_of(*at).norm() as u64));
+        (0..votes.len()).max_by_key(key).map_or(Vector2::zeros(), shift_of)
+    }
+
+    /// How far a blob is moved in the second recording: to the blob that is nearest to where the common
+    /// shift puts it, where the converse holds too.
+    fn partner(
+        &self,
+        blob: &BlobSeen,
+        a: &FieldSeen,
+        b: &FieldSeen,
+        shift: Vector2<f64>,
+    ) -> Option<Vector2<f64>> {
+        let at = |blob: &BlobSeen| Vector2::from(blob.at_px);
+        let nearest = |to: Vector2<f64>, among: &mut dyn Iterator<Item = Vector2<f64>>| {
+            among.min_by(|p, q| (p - to).norm().total_cmp(&(q - to).norm()))
+        };
+        let others = self.b.blobs_of(b).iter().filter(|q| self.colour_of(q) == blob.colour);
+        let other = nearest(at(blob) + shift, &mut others.map(at))?;
+        let back = self.a.blobs_of(a).iter().filter(|p| p.colour == blob.colour);
+        let is_mutual = nearest(other - shift, &mut back.map(at))? == at(blob);
+        let moved = other - at(blob);
+        (is_mutual && (moved - shift).norm() <= REACH_PX).then_some(moved)
+    }
+
+    /// The markers at an instant by the poses of the first recording, with their images.
+    fn markers(&self, camera: &Camera, at_ns: u64) -> Vec<MarkerSeen> {
+        let frames = &self.a.frames;
+        let after = frames.partition_point(|f| f.exposed_ns < at_ns);
+        let near = |at: usize| frames.get(at).filter(|f| f.exposed_ns.abs_diff(at_ns) <= 2 * FIELD_PERIOD_NS);
+        let (Some(late), early) = (near(after).or(near(after.wrapping_sub(1))), near(after.wrapping_sub(1)))
+        else {
+            return Vec::new();
+        };
+        let early = early.unwrap_or(late);
+        (0..BODIES)
+            .filter_map(|body| Some((body, pose_at(body, early, late, at_ns)?)))
+            .flat_map(|(body, pose)| self.markers_of(camera, body, &pose))
+            .collect()
+    }
+
+    fn markers_of(&self, camera: &Camera, body: usize, pose: &Isometry3<f64>) -> Vec<MarkerSeen> {
+        let Some(own) = self.rig.body(BODY_NAMES[body]) else { return Vec::new() };
+        let seen = |(marker, m): (usize, &rig::RigMarker)| {
+            let p_in_world = pose * Point3::from(Vector3::from(m.p));
+            Some(MarkerSeen {
+                id: MarkerId { body, marker },
+                colour: m.colour as u32,
+                image_px: camera.project(&p_in_world)?,
+                p_in_world,
+                world_from_body: *pose.rotation.to_rotation_matrix().matrix(),
+            })
+        };
+        own.markers.iter().enumerate().filter_map(seen).collect()
+    }
+
+    /// The fields of the same camera before and behind a field, where they follow each other.
+    fn around(&self, field: &FieldSeen) -> Option<Around<'_>> {
+        let own = self.a.fields_of(field.camera);
+        let at = own.partition_point(|f| f.field < field.field);
+        let (before, behind) = (own.get(at.checked_sub(1)?)?, own.get(at + 1)?);
+        let [early, late] = [
+            field.exposed_ns.checked_sub(before.exposed_ns)?,
+            behind.exposed_ns.checked_sub(field.exposed_ns)?,
+        ];
+        let near = |ns: u64| (1..=2 * FIELD_PERIOD_NS).contains(&ns);
+        (near(early) && near(late)).then(|| Around {
+            before: (self.a.blobs_of(before), early as f64 * 1e-9),
+            behind: (self.a.blobs_of(behind), late as f64 * 1e-9),
+        })
+    }
+}
+
+/// Image of a marker.
+struct MarkerSeen {
+    id: MarkerId,
+    colour: u32,
+    image_px: Vector2<f64>,
+    p_in_world: Point3<f64>,
+    world_from_body: Matrix3<f64>,
+}
+
+/// Blobs of the fields around one, and how long before and behind it these were exposed, s.
+struct Around<'a> {
+    before: (&'a [BlobSeen], f64),
+    behind: (&'a [BlobSeen], f64),
+}
+
+impl Around<'_> {
+    /// Velocity and acceleration of a blob by the parabola through its three places.
+    fn motion(&self, blob: &BlobSeen) -> Option<[Vector2<f64>; 2]> {
+        let here = Vector2::from(blob.at_px);
+        let step = |blobs: &[BlobSeen]| {
+            let own = blobs.iter().filter(|b| b.colour == blob.colour).map(|b| Vector2::from(b.at_px) - here);
+            own.min_by(|p, q| p.norm().total_cmp(&q.norm())).filter(|step| step.norm() < STEP_REACH_PX)
+        };
+        let ((before, early), (behind, late)) = (self.before, self.behind);
+        let (back, on) = (step(before)? / -early, step(behind)? / late);
+        let acceleration = (on - back) * (2.0 / (early + late));
+        Some([back + acceleration * (early / 2.0), acceleration])
+    }
+}
+
+/// Pose of a body between two frames; none where one of them did not measure it.
+fn pose_at(body: usize, early: &FrameSeen, late: &FrameSeen, at_ns: u64) -> Option<Isometry3<f64>> {
+    let pose = |frame: &FrameSeen| {
+        let seen = &frame.bodies[body];
+        let pose = Pose { position_mm: seen.position_mm, rotation_wxyz: seen.rotation_wxyz };
+        (seen.validity == Validity::Measured as u32).then(|| pose.isometry())
+    };
+    let (from, to) = (pose(early)?, pose(late)?);
+    let span = late.exposed_ns.saturating_sub(early.exposed_ns);
+    if span == 0 {
+        return Some(from);
+    }
+    let share = (at_ns.saturating_sub(early.exposed_ns) as f64 / span as f64).clamp(0.0, 1.0);
+    from.try_lerp_slerp(&to, share, 1e-9)
+}
+
+/// Marker and place of a blob.
+fn place(
+    camera: &Camera,
+    blob: &BlobSeen,
+    markers: &[MarkerSeen],
+) -> (Option<MarkerId>, Point3<f64>, Matrix3<f64>) {
+    let at = Vector2::from(blob.at_px);
+    let own =
+        markers.iter().filter(|m| m.colour == blob.colour && (m.image_px - at).norm() < MARKER_REACH_PX);
+    let nearest = own.min_by(|m, n| (m.image_px - at).norm().total_cmp(&(n.image_px - at).norm()));
+    match nearest {
+        Some(marker) => (Some(marker.id), marker.p_in_world, marker.world_from_body),
+        None => {
+            let ray = camera.ray_in_world(at).unwrap_or(Vector3::z());
+            let p = camera.centre_in_world() + ray * camera.translation_mm.norm();
+            (None, p, Matrix3::identity())
+        }
+    }
+}
+
+/// So many of them at most, spread evenly.
+pub fn evenly<T: Clone>(all: &[T], most: usize) -> Vec<T> {
+    let count = all.len().min(most);
+    (0..count).map(|n| all[n * all.len() / count].clone()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sample_is_spread_evenly() {
+        let all: Vec<usize> = (0..10).collect();
+        assert_eq!(evenly(&all, 4), [0, 2, 5, 7]);
+        assert_eq!((evenly(&all, 20), evenly(&all[..0], 3)), (all.clone(), vec![]));
+    }
+
+    #[test]
+    fn a_parabola_gives_velocity_and_acceleration() {
+        let at = |t: f64| BlobSeen { at_px: [3.0 * t + 50.0 * t * t, 7.0], area_px: 1.0, colour: 1 };
+        let (before, behind) = ([at(-0.03)], [at(0.02)]);
+        let around = Around { before: (&before, 0.03), behind: (&behind, 0.02) };
+        let [v, a] = around.motion(&at(0.0)).unwrap();
+        assert!(
+            (v - Vector2::new(3.0, 0.0)).norm() < 1e-9 && (a - Vector2::new(100.0, 0.0)).norm() < 1e-9,
+            "{v} {a}"
+        );
+    }
+}

@@ -1,0 +1,354 @@
+//! Causes that the inputs of two recordings show: what is missing, whose stamps are off, and what was done
+//! to the blobs.
+
+use super::blobs::{BlobPair, Matcher, evenly};
+use super::causes::{Cause, Confidence, Finding, colour_name, seconds};
+use super::inputs::{FieldPair, FieldPairs, camera_offsets};
+use super::models::{Fit, Model, Observed};
+use super::side::Side;
+use nalgebra::Vector2;
+use protocol::handles::{HandleState, PedalState};
+use rig::Rig;
+use rig::camera::Camera;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Fields missing in a row to the end from which on a camera counts as lost.
+const LOST_FIELDS: usize = 25;
+/// Offsets of stamps that count, ns: jitter of exposures is less.
+const STAMPS_NS: i64 = 200_000;
+/// Share of the blobs by which colours or cameras count as exchanged.
+const EXCHANGED: f64 = 0.8;
+/// Distance within which a blob is at the same place, px.
+const SAME_PLACE_PX: f64 = 2.0;
+/// Fields looked at for what is exchanged.
+const EXCHANGED_FIELDS: usize = 60;
+/// What may be left of the blobs' movement where a cause explains it, px RMS: noise of two recordings.
+const NOISE_PX: f64 = 0.2;
+/// Movement of the blobs below which there is nothing to explain, px RMS.
+const NOTHING_PX: f64 = 1e-4;
+/// Residuals are taken to have at least this deviation, px: the models are no more exact.
+const FLOOR_PX: f64 = 0.02;
+/// Decrease of χ² that shows a cause, and by which it must be better than the next.
+const SHOWN_CHI2: f64 = 50.0;
+/// Share of the movement that a cause must explain.
+const EXPLAINED: f64 = 0.5;
+/// Causes that are sought one after the other.
+const MOST_CAUSES: usize = 3;
+
+/// What is missing in one of the recordings.
+pub fn missing(a: &Side, b: &Side, fields: &FieldPairs) -> Vec<Finding> {
+    let mut found = Vec::new();
+    let sides = [('B', &fields.missing_in_b, a), ('A', &fields.missing_in_a, b)];
+    for (lacking, missing, has) in sides {
+        for (camera, numbers) in missing {
+            found.push(missing_fields(lacking, *camera, numbers, has));
+        }
+    }
+    let handle = |h: &HandleState| {
+        (h.seq, format!("handle state {} of instrument {}, field {}", h.seq, h.instrument, h.field))
+    };
+    found.extend(missing_states(&a.handles, &b.handles, handle));
+    let pedal = |p: &PedalState| (p.seq, format!("pedal state {}", p.seq));
+    found.extend(missing_states(&a.pedals, &b.pedals, pedal));
+    found
+}
+
+/// Single fields, or all from some instant on.
+fn missing_fields(lacking: char, camera: u32, numbers: &[u64], has: &Side) -> Finding {
+    let own = has.fields_of(camera);
+    let absent: BTreeSet<u64> = numbers.iter().copied().collect();
+    let at_the_end = own.iter().rev().take_while(|f| absent.contains(&f.field)).count();
+    let count = numbers.len() as u64;
+    if at_the_end >= LOST_FIELDS {
+        let from_s = seconds(has.start_ns(), own[own.len() - at_the_end].exposed_ns);
+        let evidence = format!("{at_the_end} fields to the end are in the other recording");
+        return Finding::new(Cause::CameraLost { camera, from_s, lacking }, Confidence::Certain, evidence);
+    }
+    let what = format!("field {} of camera {camera}", numbers[0]);
+    let evidence = format!("{count} of {} fields of the camera", own.len());
+    Finding::new(Cause::InputMissing { what, count, lacking }, Confidence::Certain, evidence)
+}
+
+/// States that one recording lacks, by number. Of states before the first or behind the last of a
+/// recording nothing is said: it began or ended there.
+fn missing_states<T>(a: &[T], b: &[T], name: impl Fn(&T) -> (u64, String)) -> Vec<Finding> {
+    let numbers = |states: &[T]| states.iter().map(&name).collect::<BTreeMap<u64, String>>();
+    let [a, b] = [numbers(a), numbers(b)];
+    let sides = [('B', &a, &b), ('A', &b, &a)];
+    let of = sides.into_iter().filter_map(|(lacking, has, lacks)| {
+        let (first, last) = (lacks.keys().next()?, lacks.keys().next_back()?);
+        let gone: Vec<&String> =
+            has.range(first..=last).filter(|(n, _)| !lacks.contains_key(n)).map(|(_, what)| what).collect();
+        let (what, count) = ((*gone.first()?).clone(), gone.len() as u64);
+        let evidence = format!("{count} of {} numbers", has.len());
+        Some(Finding::new(Cause::InputMissing { what, count, lacking }, Confidence::Certain, evidence))
+    });
+    of.collect()
+}
+
+/// Cameras whose stamps are off against the others, ms.
+fn stamps(fields: &FieldPairs) -> BTreeMap<u32, f64> {
+    let offsets = camera_offsets(&fields.pairs);
+    let off = offsets.into_iter().map(|(camera, offset)| (camera, offset - fields.clock_offset_ns));
+    off.filter(|(_, off)| off.abs() >= STAMPS_NS).map(|(camera, off)| (camera, off as f64 * 1e-6)).collect()
+}
+
+/// What was done to the blobs of paired fields.
+pub fn of_blobs(a: &Side, b: &Side, fields: &FieldPairs) -> Vec<Finding> {
+    let (Some(rig), false) = (&a.rig, fields.pairs.is_empty()) else { return Vec::new() };
+    let cameras = rig.cameras();
+    if let Some(swapped) = swapped_cameras(a, b, fields, &cameras) {
+        return vec![swapped];
+    }
+    let (recoloured, mut found) = swapped_colours(a, b, fields);
+    let matcher = Matcher::new(a, b, rig, recoloured);
+    let (mut pairs, mut looked_at) = (Vec::new(), 0);
+    for camera in &cameras {
+        let own: Vec<FieldPair> = fields.pairs.iter().filter(|p| p.a.camera == camera.id).copied().collect();
+        let matched = matcher.matched(camera, changed_part(a, b, &own));
+        looked_at += matched.looked_at;
+        pairs.extend(matched.pairs);
+    }
+    let shifted = stamps(fields);
+    let from_blobs = match pairs.len() * 2 < looked_at {
+        true if looked_at > 0 => vec![Finding::new(
+            Cause::OtherMotion { rms_px: 1.0 },
+            Confidence::Possible,
+            format!("{} of {looked_at} blobs have a partner near them", pairs.len()),
+        )],
+        _ => explain(rig, &cameras, pairs),
+    };
+    for (camera, by_ms) in shifted {
+        found.push(stamp_finding(camera, by_ms, &from_blobs, fields));
+    }
+    found.extend(from_blobs);
+    found
+}
+
+/// Stamps that are off. Where only two cameras sent, either may be the one.
+fn stamp_finding(camera: u32, by_ms: f64, from_blobs: &[Finding], fields: &FieldPairs) -> Finding {
+    let cameras: BTreeSet<u32> = fields.pairs.iter().map(|p| p.a.camera).collect();
+    let moved = from_blobs.iter().any(|f| matches!(f.cause, Cause::OtherMotion { .. }));
+    let sure = if cameras.len() < 3 || moved { Confidence::Possible } else { Confidence::Certain };
+    let evidence =
+        format!("its stamps are off against those of {} other cameras, field by field", cameras.len() - 1);
+    Finding::new(Cause::ClockShifted { camera, by_ms }, sure, evidence)
+}
+
+/// The fields from the first on whose blobs differ: before it nothing had been done.
+fn changed_part<'p>(a: &Side, b: &Side, pairs: &'p [FieldPair]) -> &'p [FieldPair] {
+    let first = pairs.iter().position(|pair| a.blobs_of(&pair.a) != b.blobs_of(&pair.b));
+    first.map_or(pairs, |first| &pairs[first..])
+}
+
+/// The causes that explain how blobs moved, the best first, until noise is left.
+fn explain(rig: &Rig, cameras: &[Camera], pairs: Vec<BlobPair>) -> Vec<Finding> {
+    let (all, mut left, mut found) = (pairs.len() as f64, pairs, Vec::new());
+    if all == 0.0 {
+        return found;
+    }
+    let moved_px2 = Observed { cameras, pairs: &left }.unexplained_px2();
+    let rms = |px2: f64| (px2 / all).sqrt();
+    if rms(moved_px2) < NOTHING_PX {
+        return found;
+    }
+    let mut left_px2 = moved_px2;
+    while found.len() < MOST_CAUSES {
+        let observed = Observed { cameras, pairs: &left };
+        let mut fits = candidates(rig, cameras, &observed);
+        fits.sort_by(|p, q| cost(p).total_cmp(&cost(q)));
+        let Some(best) = fits.first().cloned() else { break };
+        let variance = (best.left_px2 / all).max(FLOOR_PX * FLOOR_PX);
+        let gain = (left_px2 - best.left_px2) / variance;
+        if gain < SHOWN_CHI2 + best.parameters.len() as f64 || best.left_px2 > left_px2 * EXPLAINED {
+            break;
+        }
+        let alike = fits[1..].iter().filter(|fit| !is_same_thing(fit, &best));
+        let alike: Vec<Fit> =
+            alike.filter(|fit| (fit.left_px2 - best.left_px2) / variance < SHOWN_CHI2).cloned().collect();
+        let evidence = format!(
+            "explains {:.1} % of what {} blobs moved, which was {:.2} px RMS; {:.3} px are left",
+            100.0 * (1.0 - best.left_px2 / left_px2),
+            all,
+            rms(left_px2),
+            rms(best.left_px2)
+        );
+        let sure = if alike.is_empty() { Confidence::Likely } else { Confidence::Possible };
+        found.push(Finding::new(cause_of(&best, cameras), sure, evidence.clone()));
+        found.extend(alike.iter().map(|fit| Finding::new(cause_of(fit, cameras), sure, "explains as much")));
+        (left, left_px2) = (observed.less(&best), best.left_px2);
+        if rms(left_px2) < NOISE_PX / 2.0 || !alike.is_empty() {
+            break;
+        }
+    }
+    finish(found, rms(moved_px2), rms(left_px2))
+}
+
+/// Where much is left, what was found is no more than possible, and the motion is another one.
+fn finish(mut found: Vec<Finding>, moved_px: f64, left_px: f64) -> Vec<Finding> {
+    if left_px > NOISE_PX {
+        found.iter_mut().for_each(|f| f.confidence = Confidence::Possible);
+        let evidence =
+            format!("no change of cameras, clocks or markers explains it; {left_px:.2} px are left");
+        found.push(Finding::new(Cause::OtherMotion { rms_px: moved_px }, Confidence::Possible, evidence));
+    } else if found.is_empty() {
+        let evidence = "no change of cameras, clocks or markers explains a part of it";
+        found.push(Finding::new(Cause::BlobNoise { rms_px: moved_px }, Confidence::Possible, evidence));
+    }
+    found
+}
+
+/// What a fit leaves, with the penalty of its parameters.
+fn cost(fit: &Fit) -> f64 {
+    fit.left_px2 + fit.parameters.len() as f64 * FLOOR_PX * FLOOR_PX * 4.0
+}
+
+/// Fits of everything in the catalogue.
+fn candidates(rig: &Rig, cameras: &[Camera], observed: &Observed<'_>) -> Vec<Fit> {
+    let markers: BTreeSet<_> = observed.pairs.iter().filter_map(|pair| pair.marker).collect();
+    let of_camera = |id: u32| [Model::Turned(id), Model::Moved(id), Model::Focal(Some(id)), Model::Clock(id)];
+    let models = cameras.iter().flat_map(|camera| of_camera(camera.id));
+    let all = models.chain([Model::Focal(None)]).chain(markers.into_iter().map(Model::Marker));
+    let fits: Vec<Fit> =
+        all.filter_map(|model| observed.fit(model)).filter(|fit| is_plausible(rig, fit)).collect();
+    fits
+}
+
+/// Refuses sizes outside of what can happen: they are fits of something else.
+fn is_plausible(rig: &Rig, fit: &Fit) -> bool {
+    let norm = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let period_ms = rig.field_period_ns() as f64 * 1e-6;
+    match fit.model {
+        Model::Turned(_) => norm(&fit.parameters) < 5.0,
+        Model::Moved(_) => norm(&fit.parameters[..3]) < 5.0 && norm(&fit.parameters[3..]) < 5.0,
+        Model::Focal(_) => norm(&fit.parameters) < 20.0,
+        Model::Clock(_) => norm(&fit.parameters) < period_ms,
+        Model::Marker(_) => norm(&fit.parameters) < 2.0,
+    }
+}
+
+/// True for a turn and a movement of one camera.
+fn is_same_thing(fit: &Fit, best: &Fit) -> bool {
+    let camera = |model: Model| match model {
+        Model::Turned(camera) | Model::Moved(camera) => Some(camera),
+        _ => None,
+    };
+    camera(fit.model).is_some() && camera(fit.model) == camera(best.model)
+}
+
+fn cause_of(fit: &Fit, cameras: &[Camera]) -> Cause {
+    let p = &fit.parameters;
+    let norm = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>().sqrt();
+    match fit.model {
+        Model::Turned(camera) => Cause::CameraMoved { camera, turn_deg: norm(p), shift_mm: 0.0 },
+        Model::Moved(camera) => {
+            let shift_mm = cameras.iter().find(|c| c.id == camera).map_or(0.0, |c| centre_shift(c, p));
+            Cause::CameraMoved { camera, turn_deg: norm(&p[..3]), shift_mm }
+        }
+        Model::Focal(camera) => Cause::Scale { camera, factor: 1.0 + p[0] * 0.01 },
+        // Exposed later, with the same stamps: the stamps are early.
+        Model::Clock(camera) => Cause::ClockShifted { camera, by_ms: -p[0] },
+        Model::Marker(id) => Cause::marker_moved(id, [p[0], p[1], p[2]]),
+    }
+}
+
+/// How far the centre of projection moved by a turn (degrees) and a shift in the camera's frame, mm.
+fn centre_shift(camera: &Camera, p: &[f64]) -> f64 {
+    let turn = nalgebra::Rotation3::new(nalgebra::Vector3::new(p[0], p[1], p[2]) * 1f64.to_radians());
+    let moved = Camera {
+        camera_from_world: turn.matrix() * camera.camera_from_world,
+        translation_mm: turn * camera.translation_mm + nalgebra::Vector3::new(p[3], p[4], p[5]),
+        ..camera.clone()
+    };
+    (moved.centre_in_world() - camera.centre_in_world()).norm()
+}
+
+/// Two cameras of which each shows what the other one showed.
+fn swapped_cameras(a: &Side, b: &Side, fields: &FieldPairs, cameras: &[Camera]) -> Option<Finding> {
+    let shares = |camera: u32, other: u32| {
+        let own: Vec<FieldPair> = fields.pairs.iter().filter(|p| p.a.camera == camera).copied().collect();
+        let (mut same, mut all) = (0, 0);
+        for pair in evenly(&own, EXCHANGED_FIELDS) {
+            let of_other = b.fields_of(other);
+            let at = of_other.partition_point(|f| f.field < pair.b.field);
+            let Some(field) = of_other.get(at).filter(|f| f.field == pair.b.field) else { continue };
+            let places: Vec<_> =
+                b.blobs_of(field).iter().map(|q| (Vector2::from(q.at_px), q.colour)).collect();
+            for p in a.blobs_of(&pair.a) {
+                all += 1;
+                let here = Vector2::from(p.at_px);
+                same += usize::from(
+                    places.iter().any(|(q, colour)| *colour == p.colour && (q - here).norm() < SAME_PLACE_PX),
+                );
+            }
+        }
+        if all == 0 { 0.0 } else { same as f64 / all as f64 }
+    };
+    for (number, one) in cameras.iter().enumerate() {
+        for other in &cameras[number + 1..] {
+            let [p, q] = [shares(one.id, other.id), shares(other.id, one.id)];
+            if p.min(q) > EXCHANGED && shares(one.id, one.id).max(shares(other.id, other.id)) < 0.5 {
+                let evidence =
+                    format!("{:.0} % of the blobs of each are where the other's were", 100.0 * p.min(q));
+                return Some(Finding::new(
+                    Cause::CamerasSwapped { cameras: [one.id, other.id] },
+                    Confidence::Likely,
+                    evidence,
+                ));
+            }
+        }
+    }
+    None
+}
+
+/// Colours of the second recording, and what they are in the first.
+type Recoloured = Vec<(u32, u32)>;
+
+/// Colours that are exchanged: blobs are where they were, in the other's colour. Where that is so in some
+/// cameras only, their blobs of these colours are compared no further.
+fn swapped_colours(a: &Side, b: &Side, fields: &FieldPairs) -> (Recoloured, Vec<Finding>) {
+    let mut by_pair: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
+    let cameras: BTreeSet<u32> = fields.pairs.iter().map(|p| p.a.camera).collect();
+    for camera in &cameras {
+        let own: Vec<FieldPair> = fields.pairs.iter().filter(|p| p.a.camera == *camera).copied().collect();
+        let counts = colours_at_places(a, b, &evenly(changed_part(a, b, &own), EXCHANGED_FIELDS));
+        let all =
+            |colour: u32| counts.iter().filter(|((from, _), _)| *from == colour).map(|(_, n)| n).sum::<u32>();
+        let became = |from: u32, to: u32| {
+            let n = counts.get(&(from, to)).copied().unwrap_or(0);
+            n >= 10 && f64::from(n) >= EXCHANGED * f64::from(all(from))
+        };
+        for (from, to) in counts.keys().filter(|(from, to)| from < to) {
+            if became(*from, *to) && became(*to, *from) {
+                by_pair.entry([*from, *to]).or_default().push(*camera);
+            }
+        }
+    }
+    let everywhere = by_pair.iter().filter(|(_, own)| own.len() == cameras.len());
+    let recoloured = everywhere.flat_map(|([x, y], _)| [(*x, *y), (*y, *x)]).collect();
+    let finding = |(colours, cameras): ([u32; 2], Vec<u32>)| {
+        let evidence = "blobs are where they were, in the other's colour";
+        Finding::new(
+            Cause::ColoursSwapped { colours: colours.map(colour_name), cameras },
+            Confidence::Likely,
+            evidence,
+        )
+    };
+    (recoloured, by_pair.into_iter().map(finding).collect())
+}
+
+/// How often a blob of one colour is, in the second recording, one of another at the same place.
+fn colours_at_places(a: &Side, b: &Side, pairs: &[FieldPair]) -> BTreeMap<(u32, u32), u32> {
+    let mut counts = BTreeMap::new();
+    for pair in pairs {
+        for p in a.blobs_of(&pair.a) {
+            let here = Vector2::from(p.at_px);
+            let distance = |q: &super::side::BlobSeen| (Vector2::from(q.at_px) - here).norm();
+            let nearest = b.blobs_of(&pair.b).iter().min_by(|q, r| distance(q).total_cmp(&distance(r)));
+            if let Some(q) = nearest.filter(|q| distance(q) < SAME_PLACE_PX) {
+                *counts.entry((p.colour, q.colour)).or_insert(0) += 1;
+            }
+        }
+    }
+    counts
+}

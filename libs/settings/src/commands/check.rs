@@ -1,0 +1,14 @@
+//! The command line of `vitreo check`.
+
+use std::path::PathBuf;
+
+/// Arguments of `vitreo check`.
+#[derive(Debug, clap::Args)]
+pub struct CheckArgs {
+    /// The recordings.
+    #[arg(value_name = "FILE.mcap", required = true)]
+    pub files: Vec<PathBuf>,
+    /// As JSON, a line a recording, for programs.
+    #[arg(long)]
+    pub json: bool,
+}

@@ -1,0 +1,129 @@
+//! What a what-if changes of a recording, and the command lines of `vitreo sweep` and `vitreo settings`.
+
+use super::diff::plot_file;
+use outputs::Force;
+use std::path::PathBuf;
+
+/// A key and its value.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Assignment {
+    /// As `tracker.gate` or `scene.membrane.stiffness_un_per_mm`.
+    pub key: String,
+    /// Its value.
+    pub value: f64,
+}
+
+/// What a what-if changes.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct WhatIfArgs {
+    /// Track with this rig instead of the recorded one.
+    #[arg(long, value_name = "R.json", requires = "output", help_heading = "What if")]
+    pub rig: Option<PathBuf>,
+    /// Simulate in this scene, a file or a shipped one, instead of the recorded one.
+    #[arg(long, value_name = "SCENE", requires = "output", help_heading = "What if")]
+    pub scene: Option<String>,
+    /// Set constants of the tracker (tracker.KEY) and numbers of the scene (scene.KEY); vitreo settings lists
+    /// them.
+    #[arg(long, value_name = "KEY=VALUE,…", value_delimiter = ',', value_parser = assignment,
+        requires = "output", help_heading = "What if")]
+    pub set: Vec<Assignment>,
+    /// Write what comes of the recorded blobs, handles and pedal as a recording of its own.
+    #[arg(short, long, value_name = "OUT.mcap", help_heading = "What if",
+        conflicts_with_all = ["verify", "poses", "blobs", "report", "endless", "assert_tracking", "from", "until"])]
+    pub output: Option<PathBuf>,
+}
+
+/// Arguments of `vitreo settings`.
+#[derive(Debug, clap::Args)]
+pub struct SettingsListArgs {
+    /// The scene whose numbers are listed, a file or a shipped one.
+    #[arg(long, value_name = "SCENE", default_value = "peel")]
+    pub scene: String,
+    /// As JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A key and the values that it takes one after the other.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Range {
+    /// As `tracker.gate` or `scene.membrane.stiffness_un_per_mm`.
+    pub key: String,
+    /// From the first to the last, evenly.
+    pub values: Vec<f64>,
+}
+
+/// Arguments of `vitreo sweep`.
+#[derive(Debug, clap::Args)]
+pub struct SweepArgs {
+    /// The recordings.
+    #[arg(value_name = "FILE.mcap", required = true)]
+    pub files: Vec<PathBuf>,
+    /// The constant, and from which to which value in how many steps it goes.
+    #[arg(long, value_name = "KEY=FROM:TO:COUNT", value_parser = range, required = true)]
+    pub set: Range,
+    /// Recordings at the same time [default: as many as there are processors].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub jobs: Option<u32>,
+    /// Write the figures of every run as Parquet.
+    #[arg(long, value_name = "FILE.parquet")]
+    pub parquet: Option<PathBuf>,
+    /// Plot how far the poses move from the recorded ones, by value.
+    #[arg(long, value_name = "FILE.svg|FILE.png", value_parser = plot_file)]
+    pub plot: Option<PathBuf>,
+    /// Whether files that exist are written over.
+    #[command(flatten)]
+    pub force: Force,
+}
+
+/// Most values of a sweep.
+const MOST_VALUES: usize = 1000;
+
+fn assignment(text: &str) -> Result<Assignment, String> {
+    let expected = || format!("expected KEY=VALUE, found '{text}'");
+    let (key, value) = text.split_once('=').ok_or_else(expected)?;
+    let value: f64 = value.trim().parse().map_err(|_| expected())?;
+    if key.trim().is_empty() || !value.is_finite() {
+        return Err(expected());
+    }
+    Ok(Assignment { key: key.trim().into(), value })
+}
+
+fn range(text: &str) -> Result<Range, String> {
+    let expected = || format!("expected KEY=FROM:TO:COUNT, found '{text}'");
+    let (key, range) = text.split_once('=').ok_or_else(expected)?;
+    let [from, to, count] = range.split(':').collect::<Vec<_>>()[..] else { return Err(expected()) };
+    let number = |text: &str| text.trim().parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(expected);
+    let (from, to) = (number(from)?, number(to)?);
+    let count: usize = count.trim().parse().map_err(|_| expected())?;
+    if key.trim().is_empty() || !(1..=MOST_VALUES).contains(&count) {
+        return Err(format!("{}; COUNT is 1 to {MOST_VALUES}", expected()));
+    }
+    let step = (to - from) / count.saturating_sub(1).max(1) as f64;
+    let values = (0..count).map(|n| if n + 1 == count && count > 1 { to } else { from + step * n as f64 });
+    Ok(Range { key: key.trim().into(), values: values.collect() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn assignments_and_ranges_are_read_and_odd_ones_refused() {
+        assert_eq!(
+            assignment("tracker.gate=2.5e1"),
+            Ok(Assignment { key: "tracker.gate".into(), value: 25.0 })
+        );
+        for wrong in ["", "a", "a=", "=1", "a=b", "a=inf", "a=NaN"] {
+            assert!(assignment(wrong).is_err(), "{wrong:?} was taken");
+        }
+        assert_eq!(range("a=1:2:3").unwrap().values, [1.0, 1.5, 2.0]);
+        assert_eq!(
+            (range("a=4:9:1").unwrap().values, range("a=2:1:2").unwrap().values),
+            (vec![4.0], vec![2.0, 1.0])
+        );
+        for wrong in ["a=1:2", "a=1:2:0", "a=1:2:1001", "=1:2:3", "a=x:2:3", "a=1:2:3:4", "a=1:2:-3"] {
+            assert!(range(wrong).is_err(), "{wrong:?} was taken");
+        }
+    }
+}
