@@ -158,19 +158,19 @@ impl Replay<'_> {
         if self.args.as_recorded {
             run = run.as_recorded();
         }
-        let stopped_early = run.run(|made| self.take(made))?;
+        let mut ended = run.run_to_end(|made| self.take(made))?;
         if let Some(verdict) = &mut self.verdict {
-            verdict.states.missing += run.steps.done.missing;
-            verdict.pass_over_steps(run.steps.left_out());
+            verdict.states.missing += ended.steps.done.missing;
+            verdict.pass_over_steps(ended.steps.left_out());
         }
-        if stopped_early {
-            run.frames.due.end_here();
+        if ended.stopped {
+            ended.due.end_here();
         }
-        self.products.count_by(run.frames.due);
-        let behind = run.frames.lost.map(|why| format!("the last field: {why}"));
-        let lost = self.products.figures.lost.take().or(run.steps.lost);
-        self.products.figures.lost = lost.or(behind.filter(|_| !stopped_early));
-        Ok(run.damage)
+        self.products.count_by(ended.due);
+        let behind = ended.frames_lost.map(|why| format!("the last field: {why}"));
+        let lost = self.products.figures.lost.take().or(ended.steps.lost);
+        self.products.figures.lost = lost.or(behind.filter(|_| !ended.stopped));
+        Ok(ended.damage)
     }
 
     /// Takes what came of a recorded run.

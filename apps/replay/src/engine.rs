@@ -5,6 +5,8 @@
 //! bit. An imported stream has no such record: there the tracker decides by the stream's own clock, and
 //! the simulation gets what it makes.
 
+pub mod pipelined;
+
 use crate::frames::{FrameTurn, Frames};
 use crate::steps::{SavedState, StepAgain, Steps};
 use crate::what_if::tuning_or_default;
@@ -108,9 +110,7 @@ impl Recorded {
                 self.steps.note(at, item);
             }
             Some(Err(error)) => {
-                if !matches!(error, RecordingError::Truncated { .. }) {
-                    self.frames.note_loss(error.to_string());
-                }
+                self.frames.note_damage(&error);
                 self.damage.get_or_insert_with(|| Arc::new(error));
             }
             None => {
@@ -123,31 +123,14 @@ impl Recorded {
     /// True for a frame before the place at which the recording was cut; the last of them brings what the
     /// tracker knew then.
     pub(crate) fn is_before_beginning(&mut self, turn: &FrameTurn) -> bool {
-        let Some((header, state)) = &self.begins_with else { return false };
-        let recorded = &turn.recorded;
-        if (recorded.frame, recorded.instants.exposed) != (header.frame, header.exposed_ns) {
-            return true;
-        }
-        let restored = self.tracker.as_mut().map_or(Ok(()), |(tracker, _)| tracker.restore(state));
-        match restored {
-            Ok(()) => self.frames.go_on_determined(),
-            Err(problem) => tracing::warn!("what the tracker knew at the cut is of no use: {problem}"),
-        }
-        self.frames.due.begin_here();
-        self.begins_with = None;
-        true
+        let Recorded { begins_with, tracker, frames, .. } = self;
+        is_before_beginning(begins_with, tracker, frames, turn)
     }
 
     /// What the tracker makes of a frame; `None` at a desk.
     pub(crate) fn track(&mut self, turn: &mut FrameTurn) -> Option<TrackerFrame> {
-        let (tracker, told) = self.tracker.as_mut()?;
-        go_on_over_a_gap(tracker, turn, &mut self.frames);
-        let made = track(tracker, turn);
-        told.tell(tracker);
-        if self.made.len() == FRAMES {
-            self.made.pop_front();
-        }
-        self.made.push_back(Arc::new(made));
+        let made = track_turn(&mut self.tracker, turn, &mut self.frames)?;
+        keep_newest(&mut self.made, made);
         Some(made)
     }
 
@@ -168,8 +151,7 @@ impl Recorded {
             flow = visit(Made::Frame(&turn, made.as_ref().unwrap_or(&turn.recorded), matches))?;
         }
         while let Some(mut again) = self.steps.next_step() {
-            let of_step = |made: &&Arc<TrackerFrame>| made.frame == again.poses.frame;
-            again.made = self.made.iter().rfind(of_step).cloned();
+            again.made = made_for(&self.made, &again);
             if visit(Made::Step(&again))?.is_break() {
                 return Ok(ControlFlow::Break(()));
             }
@@ -188,6 +170,54 @@ fn tracker_at_start(recording: &Recording) -> Option<(TrackerCheckpointHeader, S
         Some((_, Item::TrackerCheckpoint(header, state))) => Some((header, Arc::new(state))),
         _ => None,
     }
+}
+
+/// As [`Recorded::is_before_beginning`].
+fn is_before_beginning(
+    begins_with: &mut Option<(TrackerCheckpointHeader, SavedState)>,
+    tracker: &mut Option<(Tracker, Report)>,
+    frames: &mut Frames,
+    turn: &FrameTurn,
+) -> bool {
+    let Some((header, state)) = begins_with else { return false };
+    let recorded = &turn.recorded;
+    if (recorded.frame, recorded.instants.exposed) != (header.frame, header.exposed_ns) {
+        return true;
+    }
+    let restored = tracker.as_mut().map_or(Ok(()), |(tracker, _)| tracker.restore(state));
+    match restored {
+        Ok(()) => frames.go_on_determined(),
+        Err(problem) => tracing::warn!("what the tracker knew at the cut is of no use: {problem}"),
+    }
+    frames.due.begin_here();
+    *begins_with = None;
+    true
+}
+
+/// Keeps a frame for its step.
+fn keep_newest(newest: &mut VecDeque<Arc<TrackerFrame>>, made: TrackerFrame) {
+    if newest.len() == FRAMES {
+        newest.pop_front();
+    }
+    newest.push_back(Arc::new(made));
+}
+
+/// What the tracker made for the frame of a step.
+fn made_for(newest: &VecDeque<Arc<TrackerFrame>>, step: &StepAgain<'_>) -> Option<Arc<TrackerFrame>> {
+    newest.iter().rfind(|made| made.frame == step.poses.frame).cloned()
+}
+
+/// What the tracker makes of a frame; `None` at a desk.
+fn track_turn(
+    tracker: &mut Option<(Tracker, Report)>,
+    turn: &mut FrameTurn,
+    frames: &mut Frames,
+) -> Option<TrackerFrame> {
+    let (tracker, told) = tracker.as_mut()?;
+    go_on_over_a_gap(tracker, turn, frames);
+    let made = track(tracker, turn);
+    told.tell(tracker);
+    Some(made)
 }
 
 /// Gives the tracker what it knew before this frame, where a gap lies before it.

@@ -14,7 +14,7 @@ use protocol::blobs::BlobField;
 use protocol::checkpoints::TrackerCheckpointHeader;
 use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
-use recording::{Item, NoteKind};
+use recording::{Item, NoteKind, RecordingError};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -116,6 +116,13 @@ impl Frames {
             }
             Item::Note(note) if note.kind == NoteKind::Loss => self.note_loss(note.text.clone()),
             _ => {}
+        }
+    }
+
+    /// Takes what is wrong with the file here. Where it was cut, nothing follows that is missing.
+    pub fn note_damage(&mut self, error: &RecordingError) {
+        if !matches!(error, RecordingError::Truncated { .. }) {
+            self.note_loss(error.to_string());
         }
     }
 

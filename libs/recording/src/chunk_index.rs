@@ -19,6 +19,8 @@ use std::sync::Arc;
 /// Footer and magic at the end of a file, bytes.
 const TAIL_BYTES: u64 = FRAME_BYTES + 20 + MAGIC.len() as u64;
 
+/// Topic of the simulation's checkpoints.
+const CHECKPOINTS: &str = "checkpoints";
 /// The record of the data's end, bytes.
 const DATA_END_BYTES: u64 = FRAME_BYTES + 4;
 /// Bytes that are read at a time to compute a checksum.
@@ -132,21 +134,26 @@ impl Recording {
         items.first_chunk()
     }
 
-    /// The headers of the simulation's checkpoints in a chunk, without what they hold, as far as they can be
-    /// read.
+    /// The headers of the simulation's checkpoints, without what they hold, with the numbers of their chunks;
+    /// as far as they can be read.
     ///
     /// # Errors
     /// Those of the operating system.
     pub fn checkpoint_heads(
         &self,
         index: &ChunkIndex,
-        chunk: usize,
-    ) -> Result<Vec<CheckpointHead>, RecordingError> {
-        let Some(at) = index.chunks.get(chunk) else { return Ok(Vec::new()) };
-        let channels = index.topics.iter().filter(|(_, topic)| **topic == "checkpoints");
+    ) -> Result<Vec<(usize, CheckpointHead)>, RecordingError> {
+        let io = |problem| RecordingError::Io { file: self.path().display().to_string(), problem };
+        let channels = index.topics.iter().filter(|(_, topic)| **topic == CHECKPOINTS);
         let channels: Vec<u16> = channels.map(|(channel, _)| *channel).collect();
-        let mut records = Records::open(self.path())?;
-        heads::of_chunk(&mut records, at.offset, &channels)
+        let file = protocol::file::open(self.path()).map_err(io)?.into_inner();
+        let length = file.metadata().map_err(io)?.len();
+        let mut all = Vec::new();
+        for chunk in index.holding(CHECKPOINTS) {
+            let heads = heads::of_chunk(&file, length, index.chunks[chunk].offset, &channels).map_err(io)?;
+            all.extend(heads.into_iter().map(|head| (chunk, head)));
+        }
+        Ok(all)
     }
 
     /// True if the file was closed in order and matches the checksums at its end: then nothing of it is
@@ -344,8 +351,8 @@ mod tests {
         };
         assert_eq!(of(&index), of(&scanned));
         let heads = |index: &ChunkIndex| {
-            let of_chunk = |i| recording.checkpoint_heads(index, i).unwrap();
-            index.holding("checkpoints").flat_map(of_chunk).collect::<Vec<_>>()
+            let heads = recording.checkpoint_heads(index).unwrap();
+            heads.into_iter().map(|(_, head)| head).collect::<Vec<_>>()
         };
         let expected: Vec<_> = (1000..)
             .zip(&items)
@@ -404,8 +411,8 @@ mod tests {
             let Ok(recording) = Recording::open(&path) else { return Ok(()) };
             prop_assert!(!recording.matches_checksum().unwrap());
             let index = agrees(&path)?;
+            drop(recording.checkpoint_heads(&index));
             for i in 0..index.chunks().len() {
-                drop(recording.checkpoint_heads(&index, i));
                 drop(recording.items_of_chunk(&index, i, &["checkpoints"]));
             }
         }

@@ -1,14 +1,15 @@
 //! Headers of checkpoints, read without unpacking what they hold: a chunk is unpacked up to them only.
 
-use super::RecordingError;
 use super::protobuf::{self, Fields};
-use super::records::{FRAME_BYTES, Records, chunk_bytes};
+use super::records::{FRAME_BYTES, chunk_bytes};
 use bytemuck::Zeroable;
 use mcap::records::op;
 use protocol::steps::CheckpointHeader;
 use protocol::time::Nanos;
 use protocol::wire::layout_of;
+use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};
+use std::os::unix::fs::FileExt;
 
 /// Bytes of a message that are looked at: more than the fields of a header take.
 const HEAD_BYTES: u64 = 128;
@@ -16,6 +17,8 @@ const HEAD_BYTES: u64 = 128;
 const MESSAGE_HEADER_BYTES: usize = 22;
 /// Bytes of a chunk's header without the name of its compression.
 const CHUNK_HEADER_BYTES: usize = 40;
+/// Records that are passed over before a chunk: the indexes of the one before it, one a channel.
+const INDEXES: usize = 64;
 /// Packed bytes that are read at a time.
 const BUFFER: usize = 16 << 10;
 
@@ -28,17 +31,33 @@ pub struct CheckpointHead {
     pub header: CheckpointHeader,
 }
 
-/// Those in the chunk at `offset`, as far as it can be read.
+/// A part of a file.
+struct Part<'a> {
+    file: &'a File,
+    from: u64,
+    to: u64,
+}
+
+impl Read for Part<'_> {
+    fn read(&mut self, room: &mut [u8]) -> io::Result<usize> {
+        let most = room.len().min(usize::try_from(self.to - self.from).unwrap_or(usize::MAX));
+        let read = self.file.read_at(&mut room[..most], self.from)?;
+        self.from += read as u64;
+        Ok(read)
+    }
+}
+
+/// Those in the chunk at `offset` of a file of `length` bytes, as far as it can be read.
 pub(super) fn of_chunk(
-    records: &mut Records,
+    file: &File,
+    length: u64,
     offset: u64,
     channels: &[u16],
-) -> Result<Vec<CheckpointHead>, RecordingError> {
+) -> io::Result<Vec<CheckpointHead>> {
     let mut found = Vec::new();
-    let Some(Packed { bytes, plain_bytes, compressed }) = chunk_at(records, offset)? else {
-        return Ok(found);
-    };
-    let packed = BufReader::with_capacity(BUFFER, records.limited(bytes));
+    let Some(chunk) = chunk_at(file, length, offset)? else { return Ok(found) };
+    let Packed { from, to, plain_bytes, compressed } = chunk;
+    let packed = BufReader::with_capacity(BUFFER, Part { file, from, to });
     // What cannot be unpacked is damaged, and found to be so by whoever reads it all.
     let _ = match compressed {
         true => zstd::stream::read::Decoder::with_buffer(packed)
@@ -50,44 +69,42 @@ pub(super) fn of_chunk(
 
 /// The records of a chunk as they stand in the file.
 struct Packed {
-    bytes: u64,
+    from: u64,
+    to: u64,
     /// Bytes once unpacked.
     plain_bytes: u64,
     compressed: bool,
 }
 
-/// Finds the chunk at `offset` or behind the indexes there, and goes to its records.
-fn chunk_at(records: &mut Records, mut offset: u64) -> Result<Option<Packed>, RecordingError> {
-    loop {
-        records.seek(offset)?;
-        let left = records.length.saturating_sub(offset);
-        let mut frame = [0; FRAME_BYTES as usize + CHUNK_HEADER_BYTES + 4];
-        let there = &mut frame[..left.min(FRAME_BYTES + CHUNK_HEADER_BYTES as u64 + 4) as usize];
-        records.read(there)?;
-        let Some((head, body)) = there.split_at_checked(FRAME_BYTES as usize) else { return Ok(None) };
-        let size = u64::from_le_bytes(head[1..].try_into().expect("eight bytes"));
-        if head[0] != op::CHUNK {
-            let next = offset.checked_add(FRAME_BYTES).and_then(|at| at.checked_add(size));
-            match next.filter(|next| *next < records.length && head[0] != op::DATA_END) {
-                Some(next) => offset = next,
-                None => return Ok(None),
-            }
+/// Finds the records of the chunk at `offset` or behind the indexes there.
+fn chunk_at(file: &File, length: u64, mut offset: u64) -> io::Result<Option<Packed>> {
+    for _ in 0..INDEXES {
+        let mut room = [0; FRAME_BYTES as usize + CHUNK_HEADER_BYTES + 4];
+        let left = length.saturating_sub(offset);
+        let there = &mut room[..left.min(FRAME_BYTES + CHUNK_HEADER_BYTES as u64 + 4) as usize];
+        file.read_exact_at(there, offset)?;
+        let Some((frame, body)) = there.split_at_checked(FRAME_BYTES as usize) else { return Ok(None) };
+        let size = u64::from_le_bytes(frame[1..].try_into().expect("eight bytes"));
+        let end = offset.checked_add(FRAME_BYTES).and_then(|at| at.checked_add(size));
+        let Some(to) = end.filter(|end| *end < length && frame[0] != op::DATA_END) else { return Ok(None) };
+        if frame[0] != op::CHUNK {
+            offset = to;
             continue;
         }
-        if chunk_bytes(body) != Some(size) || size > left - FRAME_BYTES {
+        if chunk_bytes(body) != Some(size) {
             return Ok(None);
         }
         let name_bytes = u32::from_le_bytes(body[28..32].try_into().expect("four bytes")) as usize;
-        let header = CHUNK_HEADER_BYTES + name_bytes;
         let plain_bytes = u64::from_le_bytes(body[16..24].try_into().expect("eight bytes"));
         let compressed = match &body[32..32 + name_bytes] {
             b"" => false,
             b"zstd" => true,
             _ => return Ok(None),
         };
-        records.seek(offset + FRAME_BYTES + header as u64)?;
-        return Ok(Some(Packed { bytes: size - header as u64, plain_bytes, compressed }));
+        let from = offset + FRAME_BYTES + (CHUNK_HEADER_BYTES + name_bytes) as u64;
+        return Ok(Some(Packed { from, to, plain_bytes, compressed }));
     }
+    Ok(None)
 }
 
 /// Takes the headers from the records of a chunk.

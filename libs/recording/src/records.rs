@@ -90,11 +90,6 @@ impl Records {
         Ok(())
     }
 
-    /// The next `bytes` bytes, as a reader of their own.
-    pub fn limited(&mut self, bytes: u64) -> impl Read {
-        self.reader.by_ref().take(bytes)
-    }
-
     /// The next record; `None` at the end of the file.
     ///
     /// # Errors

@@ -20,6 +20,27 @@ struct Told {
     end: String,
 }
 
+impl Told {
+    /// Notes what was made; enough once no step is `left`.
+    fn take(&mut self, made: Made<'_>, left: &mut usize) -> ControlFlow<()> {
+        self.made.push(match made {
+            Made::Frame(turn, frame, _) => {
+                let mut bytes = bytemuck::bytes_of(frame).to_vec();
+                bytes.extend(format!("{} {:?}", turn.determined, turn.lost).bytes());
+                bytes
+            }
+            Made::Step(again) => {
+                *left -= 1;
+                let mut bytes = bytemuck::bytes_of(&again.step).to_vec();
+                again.world.events().iter().for_each(|event| bytes.extend(bytemuck::bytes_of(event)));
+                bytes.extend(again.left_out.to_le_bytes());
+                bytes
+            }
+        });
+        if *left == 0 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+}
+
 /// A copy of the golden recording in which `kept` says which items there are; cut off where it is to be.
 fn copy(folder: &TempDir, kept: impl Fn(usize, &Item) -> bool, cut: bool) -> Recording {
     let (from, path) = (golden(), folder.path().join("copy.mcap"));
@@ -41,28 +62,36 @@ fn copy(folder: &TempDir, kept: impl Fn(usize, &Item) -> bool, cut: bool) -> Rec
 /// Runs until so many further steps have been done, or to the end.
 fn go_on(run: &mut Recorded, steps: usize) -> Told {
     let (mut told, mut left) = (Told::default(), steps);
-    let stopped = run.run(|made| {
-        told.made.push(match made {
-            Made::Frame(turn, frame, _) => {
-                let mut bytes = bytemuck::bytes_of(frame).to_vec();
-                bytes.extend(format!("{} {:?}", turn.determined, turn.lost).bytes());
-                bytes
-            }
-            Made::Step(again) => {
-                left -= 1;
-                let mut bytes = bytemuck::bytes_of(&again.step).to_vec();
-                again.world.events().iter().for_each(|event| bytes.extend(bytemuck::bytes_of(event)));
-                bytes.extend(again.left_out.to_le_bytes());
-                bytes
-            }
-        });
-        Ok(if left == 0 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
-    });
+    let stopped = run.run(|made| Ok(told.take(made, &mut left)));
     if !stopped.unwrap() {
         let (done, lost, frames) = (&run.steps.done, &run.steps.lost, &run.frames);
         told.end = format!("{done:?} {lost:?} {frames:?} {:?}", run.damage);
     }
     told
+}
+
+/// What comes of a run on two cores, up to so many steps or to the end, and what it counts.
+fn on_two_cores(recording: &Recording, steps: usize) -> (Told, String) {
+    let (mut told, mut left) = (Told::default(), steps);
+    let ended = begin(recording).run_to_end(|made| Ok(told.take(made, &mut left))).unwrap();
+    (
+        told,
+        format!(
+            "{} {:?} {:?} {:?} {:?}",
+            ended.stopped, ended.due, ended.steps.done, ended.steps.lost, ended.damage
+        ),
+    )
+}
+
+/// The same in one thread.
+fn on_one_core(recording: &Recording, steps: usize) -> (Told, String) {
+    let (mut told, mut left) = (Told::default(), steps);
+    let mut run = begin(recording);
+    let stopped = run.run(|made| Ok(told.take(made, &mut left))).unwrap();
+    (
+        told,
+        format!("{stopped} {:?} {:?} {:?} {:?}", run.frames.due, run.steps.done, run.steps.lost, run.damage),
+    )
 }
 
 /// After `steps` steps a copy is taken; the run goes on, goes back to it and goes on again, and so does
@@ -115,6 +144,9 @@ proptest! {
         let told = whole(&recording);
         let steps = told.made.len() / 4;
         comes_again(&recording, &told, step.min(steps.max(1)))?;
+        for steps in [step, usize::MAX] {
+            prop_assert!(on_two_cores(&recording, steps) == on_one_core(&recording, steps), "{} steps", steps);
+        }
     }
 }
 

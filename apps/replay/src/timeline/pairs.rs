@@ -19,7 +19,7 @@ pub struct Pairs {
     file: Recording,
     chunks: ChunkIndex,
     /// Of the simulation, in the order of the file, with their chunks.
-    heads: Vec<(CheckpointHead, usize)>,
+    heads: Vec<(usize, CheckpointHead)>,
     /// Chunks with checkpoints of the tracker.
     of_tracker: Vec<usize>,
 }
@@ -41,28 +41,26 @@ impl Pairs {
     /// # Errors
     /// Where it cannot be read.
     pub fn of(file: Recording, chunks: ChunkIndex) -> Result<Self, RecordingError> {
-        let mut heads = Vec::new();
-        for chunk in chunks.holding("checkpoints") {
-            heads.extend(file.checkpoint_heads(&chunks, chunk)?.into_iter().map(|head| (head, chunk)));
-        }
+        let heads = file.checkpoint_heads(&chunks)?;
         let of_tracker = chunks.holding("tracker-checkpoints").collect();
         Ok(Pairs { file, chunks, heads, of_tracker })
     }
 
     /// Headers of the simulation's checkpoints, in the order of the file.
     pub fn heads(&self) -> impl ExactSizeIterator<Item = &CheckpointHead> + Clone {
-        self.heads.iter().map(|(head, _)| head)
+        self.heads.iter().map(|(_, head)| head)
     }
 
     /// True if there are checkpoints of the simulation, and of the tracker where that is wanted.
     pub fn are_complete(&self, with_tracker: bool) -> bool {
-        !self.heads.is_empty() && !(with_tracker && self.of_tracker.is_empty())
+        let of_world = !self.heads.is_empty();
+        if with_tracker { of_world && !self.of_tracker.is_empty() } else { of_world }
     }
 
     /// Reads a checkpoint of the simulation, and the tracker's that belongs to it where that is wanted;
     /// `None` where one of them is damaged or missing.
     pub fn read(&self, number: usize, with_tracker: bool) -> Option<Known> {
-        let (head, chunk) = self.heads.get(number)?;
+        let (chunk, head) = self.heads.get(number)?;
         let items = self.items(*chunk, "checkpoints");
         let (header, state) = items.into_iter().find_map(|(at, item)| match item {
             Item::Checkpoint(header, state) if at == head.log_time_ns && header.step == head.header.step => {

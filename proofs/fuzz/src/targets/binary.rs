@@ -67,8 +67,8 @@ fn recording(bytes: &[u8]) {
         }
         let Ok(index) = recording.chunk_index() else { return };
         black_box(recording.matches_checksum().is_ok_and(|matches| matches));
+        black_box(recording.checkpoint_heads(&index).map_or(0, |heads| heads.len()));
         for chunk in index.holding("checkpoints").take(1000) {
-            black_box(recording.checkpoint_heads(&index, chunk).map_or(0, |heads| heads.len()));
             let read = recording.items_of_chunk(&index, chunk, &["checkpoints"]);
             black_box(read.map_or(0, |items| items.len()));
         }
