@@ -10,6 +10,7 @@
 //! | cameras, tracker, simulation and score together | [`pipeline`]: a live run in one process; example `study` (`make study`, `docs/study.md`), `tests/scenarios/modules.rs` of the workspace |
 //! | pictures of scenes and modules | [`moments`]: example `gallery` (`make pictures`, `make gallery`), `tests/scenarios/pictures.rs` of the workspace |
 //! | tracking of unseen streams, knocked cameras | [`streams`]: drawn streams with truth; examples `unseen`, `knocked`, `docs/tracking.md` |
+//! | causes of residuals | [`planted`]: drawn streams with a defect; `tests/causes.rs`, example `causes`, `docs/calibration.md` |
 //! | roll of instruments | example `rolls`, `docs/tracking.md` |
 //! | the paper's Fig. 7 | example `teapot`, `docs/collision.md` |
 //! | speed beside other methods | benches `collision`, `tissue`, `vitreous` |
@@ -20,6 +21,7 @@ pub mod compiled;
 pub mod exact;
 pub mod moments;
 pub mod pipeline;
+pub mod planted;
 pub mod rays;
 pub mod soak;
 pub mod stability;

@@ -202,7 +202,13 @@ impl Losses {
 impl Recipe {
     /// Draws the stream on a rig.
     pub fn draw(&self, rig: &Rig) -> Stream {
-        self.draw_motion(rig, Motion::draw(self.scenario, rig, self.seconds, self.seed))
+        self.draw_motion(rig, Motion::draw(self.scenario, rig, self.seconds, self.seed), false)
+    }
+
+    /// Draws the stream of progressive cameras: the second field of each picture is exposed with the first,
+    /// and is stamped as if it came a period later.
+    pub fn draw_progressive(&self, rig: &Rig) -> Stream {
+        self.draw_motion(rig, Motion::draw(self.scenario, rig, self.seconds, self.seed), true)
     }
 
     /// Draws a stream whose end joins its beginning: the motion's period is its length.
@@ -210,10 +216,11 @@ impl Recipe {
         self.draw_motion(
             rig,
             Motion::draw(self.scenario, rig, self.seconds, self.seed).periodic(self.seconds),
+            false,
         )
     }
 
-    fn draw_motion(&self, rig: &Rig, motion: Motion) -> Stream {
+    fn draw_motion(&self, rig: &Rig, motion: Motion, progressive: bool) -> Stream {
         let hard = self.scenario == Scenario::Hard;
         let failing = rig.cameras[Random::new(self.seed, 1).below(rig.cameras.len())].id;
         let period = rig.field_period_ns() as f64;
@@ -243,7 +250,8 @@ impl Recipe {
                 (seen.field, seen.camera, seen.parity) = (field, camera.id, ((field + n as u64) % 2) as u32);
                 (seen.exposed_ns, seen.read_out_ns) = (exposed as u64, arrives as u64);
                 seen.blobs_out_ns = arrives as u64;
-                let markers = imaging::see(rig, &seen_by, &motion.at(t_s), &mut seen, &mut random);
+                let early_s = if progressive && field % 2 == 1 { period * 1e-9 } else { 0.0 };
+                let markers = imaging::see(rig, &seen_by, &motion.at(t_s - early_s), &mut seen, &mut random);
                 sightings.push(Sighting { exposed_s: t_s, camera: camera.id, markers });
                 if hard {
                     false_blobs(&mut seen, camera, &mut random);
