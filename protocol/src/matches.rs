@@ -119,27 +119,27 @@ pub struct MatchedBlob {
     /// Index of the marker in the body; 0 with [`NO_BODY`].
     #[wire(tag = 4)]
     pub marker: u32,
-    /// Centre of the blob, px, rounded to 1/256 px (`blobs` has all digits).
+    /// Centre of the blob, px, rounded to 1/16 px (`blobs` has all digits).
     #[wire(tag = 5)]
     pub x_px: f32,
     /// The same, line of the frame.
     #[wire(tag = 6)]
     pub y_px: f32,
-    /// Blob less the marker's image as predicted before the update, px; 0 where a body was just found and
-    /// there was no prediction.
+    /// Blob less the marker's image as predicted before the update, px, rounded to 1/1024 px; 0 where a body was
+    /// just found and there was no prediction.
     #[wire(tag = 7)]
     pub innovation_x_px: f32,
     /// The same, lines of the frame.
     #[wire(tag = 8)]
     pub innovation_y_px: f32,
-    /// Blob less the marker's image at the fitted pose, px; 0 without a fit.
+    /// Blob less the marker's image at the fitted pose, px, rounded to 1/1024 px; 0 without a fit.
     #[wire(tag = 9)]
     pub residual_x_px: f32,
     /// The same, lines of the frame.
     #[wire(tag = 10)]
     pub residual_y_px: f32,
     /// Normalised innovation squared: the innovation by the covariances of blob and prediction; two degrees
-    /// of freedom. 0 without a prediction.
+    /// of freedom. Rounded to 1/16, and 1/16 at least; 0 without a prediction.
     #[wire(tag = 11)]
     pub nis: f32,
 }

@@ -38,6 +38,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "collision",
             "simcore",
             "tracker",
+            "calibration",
             "diagnosis",
             "font",
             "renderer",

@@ -18,11 +18,11 @@ use protocol::matches::{BlobUse, MatchFrame, MatchedBlob, MatchedField, MissedMa
 use protocol::poses::TrackerFrame;
 use rig::camera::Camera;
 
-/// Places are rounded to this part of a pixel, because their exact values stand on `blobs`; so is the NIS.
-const PLACE_STEPS: f64 = 256.0;
-/// Innovations and residuals are rounded to this part of a pixel, 200 times below the noise: a recording
-/// packs them well.
-const RESIDUAL_STEPS: f64 = 4096.0;
+/// Places are rounded to this part of a pixel, because their exact values stand on `blobs`, and so is the NIS:
+/// a recording packs rounded numbers well.
+const PLACE_STEPS: f64 = 16.0;
+/// Innovations and residuals are rounded to this part of a pixel, 50 times below the noise.
+const RESIDUAL_STEPS: f64 = 1024.0;
 
 /// The matches of the newest frame.
 pub struct MatchLog(Box<MatchFrame>);

@@ -5,16 +5,23 @@ mod chart;
 use crate::matched;
 use crate::plot::{Format, bytes};
 use anyhow::{Context, bail};
+use calibration::causes::{Judgement, judge};
 use diagnosis::{ResidualRow, ResidualTable};
 use ipc::logging::{inform, warn};
 use outputs::exit::LOSS;
+use outputs::progress::files_bar;
 use outputs::{Outputs, println};
-use recording::Recording;
+use protocol::blobs::BlobField;
+use protocol::message::Message;
+use recording::{Item, Recording};
 use rig::Rig;
 use serde::Serialize;
 use settings::commands::ResidualsArgs;
 use std::ops::ControlFlow;
 use std::process::ExitCode;
+
+/// How much of a recording is judged for causes, ns: more needs memory, and shows no more.
+const CAUSES_NS: u64 = 60_000_000_000;
 
 /// What is printed as JSON.
 #[derive(Serialize)]
@@ -24,7 +31,21 @@ struct Figures<'a> {
     recorded: bool,
     frames: u64,
     residuals: &'a [ResidualRow],
+    causes: Option<&'a Judgement>,
     damage: Option<String>,
+}
+
+impl Figures<'_> {
+    /// For people.
+    fn print(&self) {
+        let how = if self.recorded { "as recorded" } else { "as this tracker finds them in the blobs" };
+        let frames = self.frames;
+        println!(
+            "{frames} tracker frames, {how}; px of the frame, NIS above 5.99 is 5 % where predictions hold"
+        );
+        lines(self.residuals).iter().for_each(|line| println!("{line}"));
+        self.causes.iter().for_each(|judgement| println!("{}", judgement.text()));
+    }
 }
 
 /// Runs it.
@@ -45,24 +66,23 @@ pub fn run(args: &ResidualsArgs) -> anyhow::Result<ExitCode> {
         Ok(ControlFlow::Continue(()))
     })?;
     let rows = table.rows();
-    if rows.is_empty() {
+    // Where nothing is tracked, the causes may still say why.
+    if rows.is_empty() && !args.causes {
         bail!("{}: no blob of {frames} tracker frames measured a pose", args.file.display());
     }
+    let causes = args.causes.then(|| causes(&recording, &rig));
+    let figures = Figures {
+        file: args.file.display().to_string(),
+        recorded: outcome.recorded,
+        frames,
+        residuals: &rows,
+        causes: causes.as_ref(),
+        damage: outcome.damage.as_ref().map(ToString::to_string),
+    };
     if args.json {
-        let figures = Figures {
-            file: args.file.display().to_string(),
-            recorded: outcome.recorded,
-            frames,
-            residuals: &rows,
-            damage: outcome.damage.as_ref().map(ToString::to_string),
-        };
         println!("{}", serde_json::to_string_pretty(&figures)?);
     } else {
-        let how = if outcome.recorded { "as recorded" } else { "as this tracker finds them in the blobs" };
-        println!(
-            "{frames} tracker frames, {how}; px of the frame, NIS above 5.99 is 5 % where predictions hold"
-        );
-        lines(&rows).iter().for_each(|line| println!("{line}"));
+        figures.print();
     }
     if let (Some(plot), Some(format)) = (&args.plot, format) {
         outputs.write(plot, bytes(&chart::Chart::new(&rig, &rows, &grid), format)?)?;
@@ -71,6 +91,26 @@ pub fn run(args: &ResidualsArgs) -> anyhow::Result<ExitCode> {
     let Some(damage) = outcome.damage else { return Ok(ExitCode::SUCCESS) };
     warn(&damage.to_string());
     Ok(ExitCode::from(LOSS))
+}
+
+/// Judges the first minute of a recording's blobs.
+fn causes(recording: &Recording, rig: &Rig) -> Judgement {
+    let mut fields: Vec<BlobField> = Vec::new();
+    for item in recording.items_of(&[BlobField::CHANNEL]).flatten() {
+        let Item::Blobs(field) = item.1 else { continue };
+        let begin = fields.first().map_or(field.exposed_ns, |f| f.exposed_ns);
+        if field.exposed_ns.saturating_sub(begin) > CAUSES_NS {
+            break;
+        }
+        fields.push(*field);
+    }
+    let bar = files_bar(0, "causes");
+    let judgement = judge(rig, &fields, |done, all| {
+        bar.set_length(all as u64);
+        bar.set_position(done as u64);
+    });
+    bar.finish_and_clear();
+    judgement
 }
 
 /// The rig of a recording with cameras.

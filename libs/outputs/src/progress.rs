@@ -17,7 +17,7 @@ pub fn bytes_bar(bytes: u64, what: &'static str) -> ProgressBar {
     styled(Some(bytes), "{msg} {wide_bar} {bytes}/{total_bytes} {eta}", what)
 }
 
-/// A bar over a known number of files.
+/// A bar over a known number of files or trials.
 pub fn files_bar(files: u64, what: &'static str) -> ProgressBar {
     styled(Some(files), "{msg} {wide_bar} {pos}/{len} {eta}", what)
 }

@@ -10,6 +10,7 @@
 //! | cameras, tracker, simulation and score together | [`pipeline`]: a live run in one process; example `study` (`make study`, `docs/study.md`), `tests/scenarios/modules.rs` of the workspace |
 //! | pictures of scenes and modules | [`moments`]: example `gallery` (`make pictures`, `make gallery`), `tests/scenarios/pictures.rs` of the workspace |
 //! | tracking of unseen streams, knocked cameras | [`streams`]: drawn streams with truth; examples `unseen`, `knocked`, `docs/tracking.md` |
+//! | causes of residuals | [`planted`]: drawn streams with a defect; `tests/causes.rs`, example `causes`, `docs/calibration.md` |
 //! | roll of instruments | example `rolls`, `docs/tracking.md` |
 //! | the paper's Fig. 7 | example `teapot`, `docs/collision.md` |
 //! | causes that `vitreo diff` names | [`defects`]: planted defects; `tests/defects.rs`, example `defects` (`make defects`), `docs/diff.md` |
@@ -23,6 +24,7 @@ pub mod exact;
 pub mod live_recording;
 pub mod moments;
 pub mod pipeline;
+pub mod planted;
 pub mod rays;
 pub mod soak;
 pub mod stability;

@@ -199,16 +199,33 @@ impl Losses {
     }
 }
 
+/// When cameras expose, beside their stamps.
+#[derive(Clone, Copy, PartialEq)]
+enum Exposure {
+    AsStamped,
+    /// One camera is later by so many seconds.
+    Late(u32, f64),
+    /// The second field of each picture with the first.
+    Progressive,
+}
+
 impl Recipe {
     /// Draws the stream on a rig.
     pub fn draw(&self, rig: &Rig) -> Stream {
-        self.draw_motion(rig, Motion::draw(self.scenario, rig, self.seconds, self.seed), None)
+        self.draw_motion(rig, Motion::draw(self.scenario, rig, self.seconds, self.seed), Exposure::AsStamped)
     }
 
     /// Draws it with a camera that exposes later than its stamps say, by so many seconds.
     pub fn draw_late(&self, rig: &Rig, camera: u32, late_s: f64) -> Stream {
         let motion = Motion::draw(self.scenario, rig, self.seconds, self.seed);
-        self.draw_motion(rig, motion, Some((camera, late_s)))
+        self.draw_motion(rig, motion, Exposure::Late(camera, late_s))
+    }
+
+    /// Draws the stream of progressive cameras: the second field of each picture is exposed with the first,
+    /// and is stamped as if it came a period later.
+    pub fn draw_progressive(&self, rig: &Rig) -> Stream {
+        let motion = Motion::draw(self.scenario, rig, self.seconds, self.seed);
+        self.draw_motion(rig, motion, Exposure::Progressive)
     }
 
     /// Draws a stream whose end joins its beginning: the motion's period is its length.
@@ -216,11 +233,11 @@ impl Recipe {
         self.draw_motion(
             rig,
             Motion::draw(self.scenario, rig, self.seconds, self.seed).periodic(self.seconds),
-            None,
+            Exposure::AsStamped,
         )
     }
 
-    fn draw_motion(&self, rig: &Rig, motion: Motion, late: Option<(u32, f64)>) -> Stream {
+    fn draw_motion(&self, rig: &Rig, motion: Motion, exposure: Exposure) -> Stream {
         let hard = self.scenario == Scenario::Hard;
         let failing = rig.cameras[Random::new(self.seed, 1).below(rig.cameras.len())].id;
         let period = rig.field_period_ns() as f64;
@@ -240,7 +257,10 @@ impl Recipe {
                 let exposed = BEGIN_NS + phase + period * rate * field as f64 + JITTER_NS * random.normal();
                 let lost = losses.has(field, &mut random);
                 let arrives = exposed + random.between(DELAY_NS.0, DELAY_NS.1);
-                let late_s = late.filter(|(id, _)| *id == camera.id).map_or(0.0, |(_, late_s)| late_s);
+                let late_s = match exposure {
+                    Exposure::Late(id, late_s) if id == camera.id => late_s,
+                    _ => 0.0,
+                };
                 let t_s = exposed * 1e-9 + late_s;
                 if lost || (t_s > self.seconds && !motion.is_periodic()) {
                     continue;
@@ -251,7 +271,9 @@ impl Recipe {
                 (seen.field, seen.camera, seen.parity) = (field, camera.id, ((field + n as u64) % 2) as u32);
                 (seen.exposed_ns, seen.read_out_ns) = (exposed as u64, arrives as u64);
                 seen.blobs_out_ns = arrives as u64;
-                let markers = imaging::see(rig, &seen_by, &motion.at(t_s), &mut seen, &mut random);
+                let with_first = exposure == Exposure::Progressive && field % 2 == 1;
+                let early_s = if with_first { period * 1e-9 } else { 0.0 };
+                let markers = imaging::see(rig, &seen_by, &motion.at(t_s - early_s), &mut seen, &mut random);
                 sightings.push(Sighting { exposed_s: t_s, camera: camera.id, markers });
                 if hard {
                     false_blobs(&mut seen, camera, &mut random);

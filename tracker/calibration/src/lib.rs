@@ -6,6 +6,7 @@
 
 pub mod board;
 pub mod bundle;
+pub mod causes;
 pub mod cli;
 pub mod corners;
 pub mod dots;

@@ -15,6 +15,10 @@ pub struct ResidualsArgs {
     /// Draw them: means and deviations of each marker, and mean residuals over the frame of each camera.
     #[arg(long, value_name = "OUT.png|svg")]
     pub plot: Option<PathBuf>,
+    /// Find out why residuals are large: undo each cause that there may be, track again, and compare. Takes the
+    /// first minute.
+    #[arg(long)]
+    pub causes: bool,
     /// Whether files that exist are written over.
     #[command(flatten)]
     pub force: Force,

@@ -1,0 +1,182 @@
+//! Streams with a planted defect, to be found by `calibration::causes`: the rig that is told stays right in its
+//! own view, and the truth is known.
+
+use crate::streams::{Knock, Recipe, Scenario};
+use calibration::causes::Cause;
+use nalgebra::Vector3;
+use protocol::blobs::{BlobField, Colour};
+use protocol::poses::BODY_NAMES;
+use protocol::random::Random;
+use rig::Rig;
+
+/// A kind of defect.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum Defect {
+    None,
+    CamerasSwapped,
+    ColoursSwapped,
+    ParitySwapped,
+    Progressive,
+    StampsShifted,
+    Scale,
+    MarkerMoved,
+    CameraMoved,
+}
+
+impl Defect {
+    /// Every one.
+    pub const ALL: [Defect; 9] = [
+        Defect::None,
+        Defect::CamerasSwapped,
+        Defect::ColoursSwapped,
+        Defect::ParitySwapped,
+        Defect::Progressive,
+        Defect::StampsShifted,
+        Defect::Scale,
+        Defect::MarkerMoved,
+        Defect::CameraMoved,
+    ];
+}
+
+/// A stream as a recorder has it.
+pub struct Planted {
+    /// The rig that is told.
+    pub rig: Rig,
+    /// What the recorder has, in the order of arrival.
+    pub fields: Vec<BlobField>,
+    /// What is wrong; `None` where nothing is.
+    pub truth: Option<Cause>,
+    /// Since when, s after the first exposure.
+    pub since_s: f64,
+}
+
+/// Draws a stream of `seconds` with a defect; which camera, marker or colour, and how much, follows from the
+/// seed. Defects of cameras begin at `from_s`.
+pub fn plant(defect: Defect, scenario: Scenario, seed: u64, seconds: f64, from_s: f64) -> Planted {
+    let rig = Rig::load_or_shipped(None).expect("the shipped rig");
+    let mut random = Random::new(seed, 4711);
+    let recipe = Recipe { scenario, seed, seconds, knocks: vec![] };
+    let camera = rig.cameras[random.below(rig.cameras.len())].id;
+    let mut planted = Planted { fields: Vec::new(), truth: None, since_s: 0.0, rig: rig.clone() };
+    match defect {
+        Defect::Scale => {
+            // The rig file has the cameras too far away, or too near.
+            let factor = 1.0 + random.between(0.012, 0.03) * if seed.is_multiple_of(2) { 1.0 } else { -1.0 };
+            planted.fields = recipe.draw(&rig).fields;
+            planted.rig.cameras.iter_mut().flat_map(|c| &mut c.t).for_each(|t| *t *= factor);
+            planted.truth = Some(Cause::Scale { factor });
+        }
+        Defect::MarkerMoved => {
+            let (true_rig, cause) = with_moved_marker(&rig, &mut random);
+            planted.fields = recipe.draw(&true_rig).fields;
+            planted.truth = Some(cause);
+        }
+        Defect::CameraMoved => {
+            let to = Vector3::new(random.normal(), random.normal(), 0.3 * random.normal()).normalize();
+            let turn = to * random.between(1e-3, 6e-3);
+            let knock = Knock { camera, at_s: from_s, turn, shift_mm: Vector3::zeros(), goes_on: false };
+            planted.fields = Recipe { knocks: vec![knock], ..recipe }.draw(&rig).fields;
+            let shift_mm = 0.0;
+            planted.truth = Some(Cause::CameraMoved { camera, turn_rad: turn.norm(), shift_mm });
+            planted.since_s = from_s;
+        }
+        Defect::Progressive => {
+            planted.fields = recipe.draw_progressive(&rig).fields;
+            planted.truth = Some(Cause::Progressive { camera: None });
+        }
+        _ => {
+            planted.fields = recipe.draw(&rig).fields;
+            planted.truth = of_blobs(defect, &rig, camera, &mut random);
+            planted.spoil_from(from_s);
+        }
+    }
+    planted
+}
+
+impl Planted {
+    /// Does to the blobs from an instant on, s after the first, what the defect does.
+    fn spoil_from(&mut self, from_s: f64) {
+        let Some(cause) = self.truth else { return };
+        let begin = self.fields.iter().map(|f| f.exposed_ns).min().unwrap_or(0);
+        let from_ns = begin + (from_s * 1e9) as u64;
+        let late = self.fields.iter_mut().filter(|f| f.exposed_ns >= from_ns);
+        late.for_each(|field| spoil(&cause, field));
+        self.since_s = from_s;
+    }
+}
+
+/// A defect that changes blobs.
+fn of_blobs(defect: Defect, rig: &Rig, camera: u32, random: &mut Random) -> Option<Cause> {
+    Some(match defect {
+        Defect::CamerasSwapped => {
+            let other = rig.cameras.iter().map(|c| c.id).filter(|id| *id != camera);
+            let other: Vec<u32> = other.collect();
+            let mut cameras = [camera, random.one_of(&other)];
+            cameras.sort_unstable();
+            Cause::CamerasSwapped { cameras }
+        }
+        Defect::ColoursSwapped => {
+            let all = rig.bodies.iter().flat_map(|b| b.markers.iter().map(|m| m.colour));
+            let all: Vec<Colour> = all.collect::<std::collections::BTreeSet<_>>().into_iter().collect();
+            let first = random.below(all.len());
+            let mut colours = [all[first], all[(first + 1 + random.below(all.len() - 1)) % all.len()]];
+            colours.sort_unstable();
+            Cause::ColoursSwapped { colours }
+        }
+        Defect::ParitySwapped => {
+            let camera = if random.once_in(2) { None } else { Some(camera) };
+            Cause::ParitySwapped { camera }
+        }
+        Defect::StampsShifted => {
+            let late_ms = random.between(2.0, 9.0) * if random.once_in(2) { 1.0 } else { -1.0 };
+            Cause::StampsShifted { camera, late_ms }
+        }
+        _ => return None,
+    })
+}
+
+fn spoil(cause: &Cause, field: &mut BlobField) {
+    let exchanged = |pair: [u32; 2], v: u32| pair.iter().position(|p| *p == v).map_or(v, |at| pair[1 - at]);
+    match cause {
+        Cause::CamerasSwapped { cameras } => field.camera = exchanged(*cameras, field.camera),
+        Cause::ColoursSwapped { colours } => {
+            let count = field.blobs().len();
+            let pair = colours.map(|c| c as u32);
+            field.blobs[..count].iter_mut().for_each(|b| b.colour = exchanged(pair, b.colour));
+        }
+        Cause::ParitySwapped { camera } if camera.is_none_or(|id| id == field.camera) => field.parity ^= 1,
+        Cause::StampsShifted { camera, late_ms } if *camera == field.camera => {
+            field.exposed_ns = field.exposed_ns.saturating_add_signed((late_ms * 1e6) as i64);
+        }
+        _ => {}
+    }
+}
+
+/// The rig with one marker beside its place.
+fn with_moved_marker(rig: &Rig, random: &mut Random) -> (Rig, Cause) {
+    let mut moved = rig.clone();
+    let body = random.below(BODY_NAMES.len());
+    let own = moved.bodies.iter_mut().find(|b| b.name == BODY_NAMES[body]).expect("a body of each name");
+    let marker = random.below(own.markers.len());
+    let to = Vector3::new(random.normal(), random.normal(), random.normal()).normalize();
+    let shift = to * random.between(0.15, 0.4);
+    let p = &mut own.markers[marker].p;
+    *p = (Vector3::from(*p) + shift).into();
+    (moved, Cause::MarkerMoved { body, marker, shift_mm: shift.into() })
+}
+
+/// True if an explanation is the truth: the same cause of the same camera, marker or colours.
+pub fn is_truth(named: &Cause, truth: &Cause) -> bool {
+    match (named, truth) {
+        (Cause::StampsShifted { camera: a, late_ms: x }, Cause::StampsShifted { camera: b, late_ms: y }) => {
+            a == b && (x - y).abs() < 1.5
+        }
+        (Cause::Scale { factor: a }, Cause::Scale { factor: b }) => (a - b).abs() < 0.006,
+        (Cause::MarkerMoved { body: a, marker: m, .. }, Cause::MarkerMoved { body: b, marker: n, .. }) => {
+            (a, m) == (b, n)
+        }
+        (Cause::CameraMoved { camera: a, .. }, Cause::CameraMoved { camera: b, .. }) => a == b,
+        (a, b) => a == b,
+    }
+}

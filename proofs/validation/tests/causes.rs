@@ -1,0 +1,45 @@
+//! Planted defects are named, and nobody else is.
+
+use calibration::causes::{Cause, Verdict, judge};
+use validation::planted::{Defect, Planted, is_truth, plant};
+use validation::streams::Scenario;
+
+/// A few seconds; what begins later begins after the first.
+fn planted(defect: Defect, seed: u64) -> Planted {
+    plant(defect, Scenario::Nominal, seed, 4.5, 1.5)
+}
+
+#[test]
+fn each_defect_is_named_and_no_innocent_with_it() {
+    let mut named = 0;
+    for defect in Defect::ALL.into_iter().filter(|d| *d != Defect::None) {
+        let planted = planted(defect, 3);
+        let truth: Cause = planted.truth.expect("a defect");
+        let judged = judge(&planted.rig, &planted.fields, |_, _| {});
+        println!("{truth}\n    {}", judged.text());
+        assert_eq!(judged.verdict, Verdict::Explained, "{defect:?}: {}", judged.text());
+        assert!(
+            judged.explanations.iter().any(|e| is_truth(&e.cause, &truth)),
+            "{defect:?}: {}",
+            judged.text()
+        );
+        assert!((judged.since_s - planted.since_s).abs() < 1.1, "{defect:?}: {}", judged.text());
+        named += 1;
+    }
+    assert_eq!(named, 8);
+}
+
+#[test]
+fn where_nothing_is_wrong_nothing_is_named() {
+    for seed in 1..4 {
+        let planted = planted(Defect::None, seed);
+        let judged = judge(&planted.rig, &planted.fields, |_, _| {});
+        assert_eq!(
+            (judged.verdict, judged.explanations.len()),
+            (Verdict::NothingWrong, 0),
+            "{}",
+            judged.text()
+        );
+        assert!(judged.blobs > 1000);
+    }
+}
