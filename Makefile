@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo demo-repeat test latency soak hour hour-live endure test-python fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
+.PHONY: help setup setup-python demo demo-repeat test latency soak hour hour-live endure defects test-python fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
 	version tag release-programs stage deb test-deb sbom reproducible deny clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -108,6 +108,9 @@ hour-live: setup ## Run an hour live with the picture and a recording, then veri
 	@mkdir -p out
 	$(RELEASE) run --headless --instance hour $(or $(LIVE),--duration 3600) --force --assert-tracking 0.99 --record out/hour.mcap --report out/hour.json
 	$(RELEASE) replay out/hour.mcap --lockstep --verify
+
+defects: setup ## Plant a hundred defects in recordings, and print which of them vitreo diff names (DEFECTS="--count 30 --each")
+	cargo run --release -p validation --example defects -- $(DEFECTS)
 
 fuzz: setup ## Try hostile inputs on every reader and message, 60 s each (FUZZ="--seconds 10 rig-json", FUZZ="--whole wire")
 	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/proofs/fuzz/rustc-with-coverage cargo build --workspace --bin fuzz

@@ -66,7 +66,7 @@ fn with_nothing_changed_the_recording_comes_out_again() {
 }
 
 #[test]
-fn another_constant_a_softer_membrane_and_a_moved_camera_make_recordings_that_verify() {
+fn another_constant_a_higher_membrane_and_a_moved_camera_make_recordings_that_verify() {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str| folder.path().join(name);
     let rig = file("rig.json");
@@ -75,7 +75,7 @@ fn another_constant_a_softer_membrane_and_a_moved_camera_make_recordings_that_ve
     std::fs::write(&rig, moved.to_json()).unwrap();
     let cases = [
         (changed(&[("tracker.tremor_damping", 0.1)]), StageName::Settings, StageName::Poses),
-        (changed(&[("scene.membrane.stiffness_un_per_mm", 900.0)]), StageName::Scene, StageName::States),
+        (changed(&[("scene.membrane.lift_mm", 0.2)]), StageName::Scene, StageName::States),
         (WhatIfArgs { rig: Some(rig), ..WhatIfArgs::default() }, StageName::Rig, StageName::Poses),
     ];
     for (number, (args, first, then)) in cases.into_iter().enumerate() {
