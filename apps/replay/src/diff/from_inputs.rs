@@ -24,9 +24,9 @@ const NOTHING_PX: f64 = 1e-4;
 const FLOOR_PX: f64 = 0.02;
 /// Decrease of χ² that shows a cause, and by which it must be better than the next.
 const SHOWN_CHI2: f64 = 50.0;
-/// Blobs by which the common time of two recordings is found, and the times that are tried: up to a field
+/// Blobs of a camera by which the common time of two recordings is found, and the times that are tried: up to a field
 /// period either way.
-const TIMED_PAIRS: usize = 3000;
+const TIMED_PAIRS: usize = 1000;
 const TIME_STEPS: i32 = 80;
 const TIME_STEP_S: f64 = 0.25e-3;
 /// Movement of a camera's blobs up to which they are the same, px RMS.
@@ -173,7 +173,7 @@ fn stamp_finding(camera: u32, by_ms: f64, same_blobs: bool, fields: &FieldPairs)
 /// that run freely, each run has phases of its own. Returns the cameras of which that explains something.
 fn follow_stamps(cameras: &[Camera], pairs: &mut [BlobPair]) -> BTreeSet<u32> {
     let mut followed = BTreeSet::new();
-    let common_s = common_time(pairs);
+    let common_s = common_time(cameras, pairs);
     pairs.iter_mut().for_each(|pair| pair.stamped_later_s += common_s);
     for camera in cameras {
         let own = |pair: &&BlobPair| pair.camera == camera.id;
@@ -198,8 +198,19 @@ fn follow_stamps(cameras: &[Camera], pairs: &mut [BlobPair]) -> BTreeSet<u32> {
 }
 
 /// What is to be added to every stamp so that the blobs follow best, s: the clock of the second recording is
-/// known by its stamps only as far as its cameras exposed as before.
-fn common_time(pairs: &[BlobPair]) -> f64 {
+/// known by its stamps only as far as its cameras exposed as before. The median over the cameras, so that one
+/// whose clock is off does not count.
+fn common_time(cameras: &[Camera], pairs: &[BlobPair]) -> f64 {
+    let own =
+        |camera: &Camera| pairs.iter().filter(|pair| pair.camera == camera.id).cloned().collect::<Vec<_>>();
+    let mut times: Vec<f64> =
+        cameras.iter().map(own).filter(|own| !own.is_empty()).map(|own| best_time(&own)).collect();
+    times.sort_by(f64::total_cmp);
+    times.get(times.len().saturating_sub(1) / 2).copied().unwrap_or(0.0)
+}
+
+/// What is to be added to the stamps of a camera so that its blobs follow best, s.
+fn best_time(pairs: &[BlobPair]) -> f64 {
     let sample = evenly(pairs, TIMED_PAIRS);
     let left_px2 = |time_s: f64| -> f64 {
         let residual = |pair: &BlobPair| pair.moved_px - pair.moved_after(pair.stamped_later_s + time_s);
