@@ -206,7 +206,9 @@ fn common_time(cameras: &[Camera], pairs: &[BlobPair]) -> f64 {
     let mut times: Vec<f64> =
         cameras.iter().map(own).filter(|own| !own.is_empty()).map(|own| best_time(&own)).collect();
     times.sort_by(f64::total_cmp);
-    times.get(times.len().saturating_sub(1) / 2).copied().unwrap_or(0.0)
+    // Of two in the middle the nearer to none: of two cameras the one whose clock is off does not count.
+    let middle = &times[times.len().saturating_sub(1) / 2..(times.len() / 2 + 1).min(times.len())];
+    middle.iter().copied().min_by(|s, t| s.abs().total_cmp(&t.abs())).unwrap_or(0.0)
 }
 
 /// What is to be added to the stamps of a camera so that its blobs follow best, s.

@@ -1,3 +1,5 @@
+//! What-ifs of the golden recording, and whether they verify.
+
 use super::keys::tuning_of;
 use super::outcome::{Outcome, Setting};
 use super::{CHANGED, OF, setting};
