@@ -83,6 +83,8 @@ fn another_constant_a_higher_membrane_and_a_moved_camera_make_recordings_that_ve
     for (number, (args, first, then)) in cases.into_iter().enumerate() {
         let setting = setting(&golden(), &args).unwrap();
         let outcome = run(&golden(), &setting, &file(&format!("{number}.mcap")));
+        let named = ["tracker.tremor_damping=0.1", "scene.membrane.lift_mm=0.2", "rig.json"][number];
+        assert!(outcome.provenance().config[CHANGED].contains(named), "{:?}", outcome.provenance().config);
         assert_eq!(outcome.provenance().config[OF], golden().path().display().to_string());
         assert_verified(&outcome);
         let [a, b] = read(golden().path(), outcome.path(), true).unwrap();
