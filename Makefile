@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo demo-repeat test latency soak hour hour-live seek endure test-python test-viewers fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
+.PHONY: help setup setup-python demo demo-repeat test latency soak hour hour-live seek endure defects test-python test-viewers fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
 	version tag release-programs stage deb test-deb sbom reproducible deny clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -112,6 +112,9 @@ hour-live: setup ## Run an hour live with the picture and a recording, then veri
 seek: setup ## Record an hour at full speed, then hold opening it, going to any place of it and the memory for it to their limits (SEEK="--minutes 10", SEEK="--scene 'module navigation' --force")
 	@mkdir -p out
 	cargo run --release -p validation --example seek -- $(SEEK)
+
+defects: setup ## Plant a hundred defects in recordings, and print which of them vitreo diff names (DEFECTS="--count 30 --each")
+	cargo run --release -p validation --example defects -- $(DEFECTS)
 
 fuzz: setup ## Try hostile inputs on every reader and message, 60 s each (FUZZ="--seconds 10 rig-json", FUZZ="--whole wire")
 	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/proofs/fuzz/rustc-with-coverage cargo build --workspace --bin fuzz

@@ -147,7 +147,10 @@ fn foreign_checkpoints_are_refused_and_change_nothing() {
     assert_eq!(refuse(&other).0, CheckpointError::Version { found: 9 });
     let mut rig = stream.rig.clone();
     rig.trocars[0].p_eye[0] += 0.1;
-    for mut foreign in [Tracker::new(&rig), Tracker::with(&stream.rig, false)] {
+    let mut tuning = tracker::Tuning::default();
+    tuning.set("gate", 30.0).unwrap();
+    let tuned = Tracker::tuned(&stream.rig, true, &tuning);
+    for mut foreign in [Tracker::new(&rig), Tracker::with(&stream.rig, false), tuned] {
         assert!(matches!(foreign.restore(&bytes), Err(CheckpointError::Rig { .. })));
     }
 }

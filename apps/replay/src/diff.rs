@@ -4,7 +4,7 @@
 //! - [`side`]: what is read of each; [`inputs`], [`poses`], [`events`], [`outcome`], [`provenance`]: what
 //!   differs, stage by stage; [`spectrum`]: pose differences in bands of frequency
 //! - [`causes`]: the catalogue of causes; `from_provenance` reads them from rig, scene and settings,
-//!   `from_inputs` from presence, stamps and blobs ([`blobs`] matches them, [`models`] says what each cause
+//!   `from_inputs` and `exchanged` from presence, stamps and blobs ([`blobs`] matches them, [`models`] says what each cause
 //!   does to them)
 //! - [`comparison`]: all of it together; `text` and [`page`]: for people
 
@@ -12,6 +12,7 @@ pub mod blobs;
 pub mod causes;
 pub mod comparison;
 pub mod events;
+mod exchanged;
 mod from_inputs;
 mod from_provenance;
 pub mod inputs;

@@ -155,6 +155,8 @@ impl Sums {
         let Some(before) = before.filter(|before| before.validity() == Validity::Measured) else { return };
         let [p, q] = [before, state].map(|s| s.world_from_body.isometry());
         let moved_um = match body {
+            // The angle of equal rotations is rounded.
+            EYE if before.world_from_body == state.world_from_body => 0.0,
             EYE => p.rotation.angle_to(&q.rotation) * 1e3 * crate::diff::poses::EYE_WALL_MM,
             _ => (q.translation.vector - p.translation.vector).norm() * 1e3,
         };

@@ -14,7 +14,7 @@ pub mod outcome;
 use crate::resimulate::scene_of;
 use anyhow::{Context, bail};
 use ipc::logging::{inform, warn};
-use keys::{TRACKER, assign, tuning_of};
+use keys::{SCENE, TRACKER, assign, tuning_of};
 use outcome::{Outcome, Setting};
 use outputs::exit::{LOSS, WrongUse};
 use outputs::progress::counter;
@@ -112,18 +112,21 @@ pub fn setting(recording: &Recording, args: &WhatIfArgs) -> anyhow::Result<Setti
     if let Some(name) = &args.scene {
         setting.provenance.scene_name.clone_from(name);
     }
-    complete(&mut setting, recorded, recording.path());
+    complete(&mut setting, recorded, args, recording.path());
     Ok(setting)
 }
 
 /// Says in the provenance what it is of, what was changed, and what made it.
-fn complete(setting: &mut Setting, recorded: &Provenance, file: &Path) {
+fn complete(setting: &mut Setting, recorded: &Provenance, args: &WhatIfArgs, file: &Path) {
     let mut changed = Vec::new();
-    let parts = [
-        ("rig", recorded.rig_json != setting.provenance.rig_json),
-        ("scene", is_other_scene(recorded, &setting.scene)),
-    ];
-    changed.extend(parts.iter().filter(|(_, other)| *other).map(|(name, _)| (*name).to_owned()));
+    if recorded.rig_json != setting.provenance.rig_json {
+        changed.extend(args.rig.iter().map(|path| format!("rig {}", path.display())));
+    }
+    if is_other_scene(recorded, &setting.scene) {
+        changed.extend(args.scene.iter().map(|name| format!("scene {name}")));
+        let of_scene = args.set.iter().filter(|set| set.key.starts_with(SCENE));
+        changed.extend(of_scene.map(|set| format!("{}={}", set.key, set.value)));
+    }
     let before = tuning_of(recorded).unwrap_or_default().values();
     let values = setting.tuning.values();
     let config = &mut setting.provenance.config;

@@ -14,6 +14,7 @@
 //! | the membrane's springs | +5 % | scene |
 //! | a constant of the tracker | ×0.5–2 | settings |
 //! | a camera-field or a handle state lost | one | fields, handles |
+//! | none: other noise, another motion | | blobs |
 
 mod pair;
 
@@ -37,23 +38,64 @@ const CONSTANTS: [&str; 5] =
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[allow(missing_docs)]
 pub enum Defect {
-    CameraTurned { camera: u32, turn_rad: Vector3<f64>, in_rig: bool },
-    MarkerMoved { body: usize, marker: usize, by_mm: Vector3<f64>, in_rig: bool },
-    ColoursSwapped { colours: [Colour; 2] },
-    CamerasSwapped { cameras: [u32; 2] },
-    StampsOff { camera: u32, by_ms: f64 },
-    ExposedLate { camera: u32, by_ms: f64 },
-    Focal { camera: u32, factor: f64 },
-    RigScaled { factor: f64 },
-    CameraLost { camera: u32, from_s: f64 },
-    Springs { factor: f64 },
-    TrackerConstant { key: &'static str, value: f64 },
-    FieldLost { camera: u32, field: u64 },
-    HandleLost { seq: u64 },
+    CameraTurned {
+        camera: u32,
+        turn_rad: Vector3<f64>,
+        in_rig: bool,
+    },
+    MarkerMoved {
+        body: usize,
+        marker: usize,
+        by_mm: Vector3<f64>,
+        in_rig: bool,
+    },
+    ColoursSwapped {
+        colours: [Colour; 2],
+    },
+    CamerasSwapped {
+        cameras: [u32; 2],
+    },
+    StampsOff {
+        camera: u32,
+        by_ms: f64,
+    },
+    ExposedLate {
+        camera: u32,
+        by_ms: f64,
+    },
+    Focal {
+        camera: u32,
+        factor: f64,
+    },
+    RigScaled {
+        factor: f64,
+    },
+    CameraLost {
+        camera: u32,
+        from_s: f64,
+    },
+    Springs {
+        factor: f64,
+    },
+    TrackerConstant {
+        key: &'static str,
+        value: f64,
+    },
+    FieldLost {
+        camera: u32,
+        field: u64,
+    },
+    HandleLost {
+        seq: u64,
+    },
+    /// None: the same motion with other noise.
+    OtherNoise,
+    /// None: hands and eye move otherwise.
+    OtherMotion,
 }
 
 /// Kinds that are drawn one after the other.
-const KINDS: u64 = 15;
+pub const KINDS: u64 = 17;
 
 impl Defect {
     /// Of a seed: kinds follow each other, everything else is drawn.
@@ -92,6 +134,8 @@ impl Defect {
                 let default = TUNABLE.iter().find(|row| row.key == key).map_or(1.0, |row| row.default);
                 Defect::TrackerConstant { key, value: default * random.one_of(&[0.6, 0.8, 1.25, 2.0]) }
             }
+            14 => Defect::OtherNoise,
+            15 => Defect::OtherMotion,
             _ if random.once_in(2) => Defect::FieldLost { camera, field: 50 + random.below(200) as u64 },
             _ => Defect::HandleLost { seq: 100 + random.below(300) as u64 },
         }
@@ -147,8 +191,15 @@ impl Defect {
             (Defect::HandleLost { seq }, Cause::InputMissing { what, count: 1, .. }) => {
                 what.starts_with(&format!("handle state {seq} "))
             }
+            (Defect::OtherNoise, Cause::BlobNoise { .. })
+            | (Defect::OtherMotion, Cause::OtherMotion { .. }) => true,
             _ => false,
         }
+    }
+
+    /// Whether there is none: such pairs can only be said to be noise or another motion, never with confidence.
+    pub fn is_none(&self) -> bool {
+        matches!(self, Defect::OtherNoise | Defect::OtherMotion)
     }
 }
 
@@ -175,6 +226,7 @@ impl Verdict {
         }
         match (found.iter().any(|f| sure(&f) && named(&f)), found.iter().any(|f| named(&f))) {
             (true, _) => Verdict::Right,
+            (false, true) if defect.is_none() && found.len() == 1 => Verdict::Right,
             (false, true) => Verdict::Among,
             (false, false) => Verdict::Missed,
         }

@@ -215,6 +215,11 @@ impl Recipe {
         self.draw_motion(rig, Motion::draw(self.scenario, rig, self.seconds, self.seed), Exposure::AsStamped)
     }
 
+    /// Draws it with the motion of another seed.
+    pub fn draw_motion_of(&self, rig: &Rig, seed: u64) -> Stream {
+        self.draw_motion(rig, Motion::draw(self.scenario, rig, self.seconds, seed), Exposure::AsStamped)
+    }
+
     /// Draws it with a camera that exposes later than its stamps say, by so many seconds.
     pub fn draw_late(&self, rig: &Rig, camera: u32, late_s: f64) -> Stream {
         let motion = Motion::draw(self.scenario, rig, self.seconds, self.seed);

@@ -1,9 +1,9 @@
 //! Blobs of two recordings, matched field by field: how far each moved, which marker it is of, where that
 //! marker is and how it moves. What a cause predicts of this is in [`super::models`].
 
-use super::inputs::FieldPair;
+use super::inputs::{FieldPair, difference};
 use super::side::{BlobSeen, FieldSeen, FrameSeen, Side};
-use nalgebra::{Isometry3, Matrix3, Point3, Vector2, Vector3};
+use nalgebra::{DMatrix, Isometry3, Matrix3, Point3, Vector2, Vector3};
 use protocol::geometry::{Pose, Validity};
 use protocol::limits::{BODIES, FIELD_PERIOD_NS};
 use protocol::poses::BODY_NAMES;
@@ -22,6 +22,8 @@ const BIN_PX: f64 = 4.0;
 const REACH_PX: f64 = 12.0;
 /// Largest distance of a blob from the projection of its marker, px.
 const MARKER_REACH_PX: f64 = 5.0;
+/// Field period, the unit of time of a blob's motion, s.
+pub const PERIOD_S: f64 = FIELD_PERIOD_NS as f64 * 1e-9;
 /// Largest distance of a blob from itself one field before or behind, px.
 const STEP_REACH_PX: f64 = 25.0;
 
@@ -49,8 +51,19 @@ pub struct BlobPair {
     pub p_in_world: Point3<f64>,
     /// Rotation of the marker's body.
     pub world_from_body: Matrix3<f64>,
-    /// Velocity, px/s, and acceleration, px/s².
-    pub motion: [Vector2<f64>; 2],
+    /// Coefficients of its motion by time in field periods, from the first power on, px.
+    pub motion: [Vector2<f64>; 4],
+    /// How much later the second recording says that it was exposed, both clocks beginning alike, s.
+    pub stamped_later_s: f64,
+}
+
+impl BlobPair {
+    /// Where its own motion leads it in a time, px from here.
+    pub fn moved_after(&self, time_s: f64) -> Vector2<f64> {
+        let periods = time_s / PERIOD_S;
+        // Horner's rule.
+        self.motion.iter().rev().fold(Vector2::zeros(), |sum, coefficient| (sum + coefficient) * periods)
+    }
 }
 
 /// Blobs of a camera.
@@ -69,12 +82,15 @@ pub struct Matcher<'a> {
     rig: &'a Rig,
     /// A blob of the second recording that is of the first colour counts as of the second.
     recoloured: Vec<(u32, u32)>,
+    /// How far the second clock is ahead, ns.
+    ahead_ns: i64,
 }
 
 impl<'a> Matcher<'a> {
-    /// For two recordings. `recoloured`: colours of the second recording, and what they are in the first.
-    pub fn new(a: &'a Side, b: &'a Side, rig: &'a Rig, recoloured: Vec<(u32, u32)>) -> Self {
-        Matcher { a, b, rig, recoloured }
+    /// For two recordings. `recoloured`: colours of the second recording, and what they are in the first;
+    /// `ahead_ns`: how far the second clock is ahead.
+    pub fn new(a: &'a Side, b: &'a Side, rig: &'a Rig, recoloured: Vec<(u32, u32)>, ahead_ns: i64) -> Self {
+        Matcher { a, b, rig, recoloured, ahead_ns }
     }
 
     fn colour_of(&self, blob: &BlobSeen) -> u32 {
@@ -90,9 +106,11 @@ impl<'a> Matcher<'a> {
             matched.looked_at += seen.len();
             let markers = self.markers(camera, pair.a.exposed_ns);
             let around = self.around(&pair.a);
+            let later_ns = difference(pair.a.exposed_ns, pair.b.exposed_ns).wrapping_sub(self.ahead_ns);
+            let stamped_later_s = later_ns as f64 * 1e-9;
             for blob in seen {
                 let Some(moved_px) = self.partner(blob, &pair.a, &pair.b, shift) else { continue };
-                let Some(motion) = around.as_ref().and_then(|around| around.motion(blob)) else { continue };
+                let Some(motion) = around.motion(blob) else { continue };
                 let (marker, p_in_world, world_from_body) = place(camera, blob, &markers);
                 let a_px = Vector2::from(blob.at_px);
                 matched.pairs.push(BlobPair {
@@ -103,6 +121,7 @@ impl<'a> Matcher<'a> {
                     p_in_world,
                     world_from_body,
                     motion,
+                    stamped_later_s,
                 });
             }
         }
@@ -184,20 +203,18 @@ impl<'a> Matcher<'a> {
         own.markers.iter().enumerate().filter_map(seen).collect()
     }
 
-    /// The fields of the same camera before and behind a field, where they follow each other.
-    fn around(&self, field: &FieldSeen) -> Option<Around<'_>> {
+    /// The fields of the same camera around a field, where they follow each other.
+    fn around(&self, field: &FieldSeen) -> Around<'_> {
         let own = self.a.fields_of(field.camera);
-        let at = own.partition_point(|f| f.field < field.field);
-        let (before, behind) = (own.get(at.checked_sub(1)?)?, own.get(at + 1)?);
-        let [early, late] = [
-            field.exposed_ns.checked_sub(before.exposed_ns)?,
-            behind.exposed_ns.checked_sub(field.exposed_ns)?,
-        ];
-        let near = |ns: u64| (1..=2 * FIELD_PERIOD_NS).contains(&ns);
-        (near(early) && near(late)).then(|| Around {
-            before: (self.a.blobs_of(before), early as f64 * 1e-9),
-            behind: (self.a.blobs_of(behind), late as f64 * 1e-9),
-        })
+        let at = own.partition_point(|f| f.field < field.field) as i64;
+        let neighbour = |offset: i64| {
+            let other = own.get(usize::try_from(at + offset).ok()?)?;
+            let after_s = difference(field.exposed_ns, other.exposed_ns) as f64 * 1e-9;
+            let in_order = after_s * offset as f64 > 0.0;
+            let near = after_s.abs() < (offset.unsigned_abs() as f64 + 0.5) * PERIOD_S;
+            (in_order && near).then(|| (self.a.blobs_of(other), after_s))
+        };
+        Around([-1, 1, -2, 2].map(neighbour))
     }
 }
 
@@ -210,24 +227,42 @@ struct MarkerSeen {
     world_from_body: Matrix3<f64>,
 }
 
-/// Blobs of the fields around one, and how long before and behind it these were exposed, s.
-struct Around<'a> {
-    before: (&'a [BlobSeen], f64),
-    behind: (&'a [BlobSeen], f64),
-}
+/// Blobs of the fields around one, the nearest two first, and how long after it these were exposed, s.
+struct Around<'a>([Option<(&'a [BlobSeen], f64)>; 4]);
 
 impl Around<'_> {
-    /// Velocity and acceleration of a blob by the parabola through its three places.
-    fn motion(&self, blob: &BlobSeen) -> Option<[Vector2<f64>; 2]> {
+    /// The motion of a blob: the polynomial through its places in these fields and in its own, by its
+    /// coefficients in units of the field period, from the first power on. Two places around it are the
+    /// least; a parabola alone would take a tremor of 10 Hz for a quarter slower than it is.
+    fn motion(&self, blob: &BlobSeen) -> Option<[Vector2<f64>; 4]> {
         let here = Vector2::from(blob.at_px);
-        let step = |blobs: &[BlobSeen]| {
+        let step = |(blobs, after_s): (&[BlobSeen], f64), reach_px: f64| {
             let own = blobs.iter().filter(|b| b.colour == blob.colour).map(|b| Vector2::from(b.at_px) - here);
-            own.min_by(|p, q| p.norm().total_cmp(&q.norm())).filter(|step| step.norm() < STEP_REACH_PX)
+            let nearest = own.min_by(|p, q| p.norm().total_cmp(&q.norm()));
+            nearest.filter(|step| step.norm() < reach_px).map(|step| (after_s / PERIOD_S, step))
         };
-        let ((before, early), (behind, late)) = (self.before, self.behind);
-        let (back, on) = (step(before)? / -early, step(behind)? / late);
-        let acceleration = (on - back) * (2.0 / (early + late));
-        Some([back + acceleration * (early / 2.0), acceleration])
+        let [before, behind, far_before, far_behind] = self.0;
+        let mut points = vec![step(before?, STEP_REACH_PX)?, step(behind?, STEP_REACH_PX)?];
+        if let (Some(before), Some(behind)) = (far_before, far_behind) {
+            points.extend(
+                step(before, 2.0 * STEP_REACH_PX)
+                    .zip(step(behind, 2.0 * STEP_REACH_PX))
+                    .map(|(p, q)| [p, q])
+                    .into_iter()
+                    .flatten(),
+            );
+        }
+        let count = points.len();
+        let powers = DMatrix::from_fn(count, count, |row, column| points[row].0.powi(column as i32 + 1));
+        let places = DMatrix::from_fn(count, 2, |row, axis| points[row].1[axis]);
+        let solved = powers.lu().solve(&places)?;
+        Some(std::array::from_fn(|power| {
+            if power < count {
+                Vector2::new(solved[(power, 0)], solved[(power, 1)])
+            } else {
+                Vector2::zeros()
+            }
+        }))
     }
 }
 
@@ -285,14 +320,18 @@ mod tests {
     }
 
     #[test]
-    fn a_parabola_gives_velocity_and_acceleration() {
-        let at = |t: f64| BlobSeen { at_px: [3.0 * t + 50.0 * t * t, 7.0], area_px: 1.0, colour: 1 };
-        let (before, behind) = ([at(-0.03)], [at(0.02)]);
-        let around = Around { before: (&before, 0.03), behind: (&behind, 0.02) };
-        let [v, a] = around.motion(&at(0.0)).unwrap();
-        assert!(
-            (v - Vector2::new(3.0, 0.0)).norm() < 1e-9 && (a - Vector2::new(100.0, 0.0)).norm() < 1e-9,
-            "{v} {a}"
-        );
+    fn the_motion_of_a_blob_leads_through_its_places() {
+        let at =
+            |t: f64| BlobSeen { at_px: [3.0 * t + 2.0 * t * t - t * t * t, 7.0], area_px: 1.0, colour: 1 };
+        let times = [-1.5, 1.0, -2.0, 2.2];
+        let blobs = times.map(|t| [at(t)]);
+        let seen = |n: usize| Some((&blobs[n][..], times[n] * PERIOD_S));
+        let motion = Around([seen(0), seen(1), seen(2), seen(3)]).motion(&at(0.0)).unwrap();
+        for (found, expected) in motion.iter().zip([3.0, 2.0, -1.0, 0.0]) {
+            assert!((found - Vector2::new(expected, 0.0)).norm() < 1e-9, "{found}");
+        }
+        let parabola = Around([seen(0), seen(1), None, seen(3)]).motion(&at(0.0)).unwrap();
+        assert_eq!(parabola[2], Vector2::zeros());
+        assert!(Around([None, seen(1), seen(2), seen(3)]).motion(&at(0.0)).is_none());
     }
 }

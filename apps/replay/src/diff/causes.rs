@@ -108,7 +108,7 @@ pub enum Cause {
     },
     /// The blobs differ, and no single change of the rig explains it: hands or eye moved otherwise.
     OtherMotion {
-        /// Root mean square of what the blobs moved, each blob counting as 1 px at most, px.
+        /// Root mean square of what the blobs moved, each blob counting as 1 px at most, px; 0 where there are none.
         rms_px: f64,
     },
     /// Nothing that was recorded explains the difference.
@@ -207,6 +207,7 @@ impl Cause {
             Cause::Scale { camera: None, factor } => format!("everything scaled by {factor:.5}"),
             Cause::OtherVersion { program, a, b } => format!("other version of {program}: {a} → {b}"),
             Cause::BlobNoise { rms_px } => format!("blobs differ by noise alone, {rms_px:.3} px RMS"),
+            Cause::OtherMotion { rms_px: 0.0 } => "hands or eye moved otherwise".into(),
             Cause::OtherMotion { rms_px } => {
                 format!("hands or eye moved otherwise: blobs differ by {rms_px:.2} px RMS")
             }

@@ -173,10 +173,14 @@ impl Comparison {
 
     /// Every cause, in causal order; what is left without one is said to be unexplained.
     fn find_causes(&self, a: &Side, b: &Side, fields: &FieldPairs) -> Vec<Finding> {
-        let mut found = from_inputs::missing(a, b, fields);
-        if self.inputs.blobs_differ + self.inputs.stamps_differ > 0 {
-            found.extend(from_inputs::of_blobs(a, b, fields));
-        }
+        let differ = self.inputs.blobs_differ + self.inputs.stamps_differ > 0;
+        let of_blobs = if differ { from_inputs::of_blobs(a, b, fields) } else { Vec::new() };
+        let exchanged = of_blobs.iter().find_map(|finding| match finding.cause {
+            Cause::CamerasSwapped { cameras } => Some(cameras),
+            _ => None,
+        });
+        let mut found = from_inputs::missing(a, b, fields, exchanged);
+        found.extend(of_blobs);
         found.extend(from_provenance::findings(a, b, &self.provenance));
         found.extend(self.without_cause(a, &found));
         found

@@ -2,11 +2,11 @@
 //! to the blobs.
 
 use super::blobs::{BlobPair, Matcher, evenly};
-use super::causes::{Cause, Confidence, Finding, colour_name, seconds};
+use super::causes::{Cause, Confidence, Finding, seconds};
+use super::exchanged::{changed_part, swapped_cameras, swapped_colours};
 use super::inputs::{FieldPair, FieldPairs, camera_offsets};
 use super::models::{Fit, Model, Observed};
 use super::side::Side;
-use nalgebra::Vector2;
 use protocol::handles::{HandleState, PedalState};
 use rig::Rig;
 use rig::camera::Camera;
@@ -15,13 +15,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Fields missing in a row to the end from which on a camera counts as lost.
 const LOST_FIELDS: usize = 25;
 /// Offsets of stamps that count, ns: jitter of exposures is less.
-const STAMPS_NS: i64 = 200_000;
-/// Share of the blobs by which colours or cameras count as exchanged.
-const EXCHANGED: f64 = 0.8;
-/// Distance within which a blob is at the same place, px.
-const SAME_PLACE_PX: f64 = 2.0;
-/// Fields looked at for what is exchanged.
-const EXCHANGED_FIELDS: usize = 60;
+const STAMPS_NS: u64 = 200_000;
 /// What may be left of the blobs' movement where a cause explains it, px RMS: noise of two recordings.
 const NOISE_PX: f64 = 0.2;
 /// Movement of the blobs below which there is nothing to explain, px RMS.
@@ -30,18 +24,43 @@ const NOTHING_PX: f64 = 1e-4;
 const FLOOR_PX: f64 = 0.02;
 /// Decrease of χ² that shows a cause, and by which it must be better than the next.
 const SHOWN_CHI2: f64 = 50.0;
+/// Blobs of a camera by which the common time of two recordings is found, and the times that are tried: up to a field
+/// period either way.
+const TIMED_PAIRS: usize = 1000;
+const TIME_STEPS: i32 = 80;
+const TIME_STEP_S: f64 = 0.25e-3;
+/// Movement of a camera's blobs up to which they are the same, px RMS.
+const SAME_PX: f64 = 1e-3;
 /// Share of the movement that a cause must explain.
 const EXPLAINED: f64 = 0.5;
 /// Causes that are sought one after the other.
 const MOST_CAUSES: usize = 3;
 
-/// What is missing in one of the recordings.
-pub fn missing(a: &Side, b: &Side, fields: &FieldPairs) -> Vec<Finding> {
+/// What is missing in one of the recordings. Of exchanged cameras, each field counts as the other's.
+pub fn missing(a: &Side, b: &Side, fields: &FieldPairs, exchanged: Option<[u32; 2]>) -> Vec<Finding> {
     let mut found = Vec::new();
-    let sides = [('B', &fields.missing_in_b, a), ('A', &fields.missing_in_a, b)];
-    for (lacking, missing, has) in sides {
+    let offset = fields.number_offset;
+    let sides =
+        [('B', &fields.missing_in_b, a, b, offset), ('A', &fields.missing_in_a, b, a, offset.wrapping_neg())];
+    for (lacking, missing, has, lacks, offset) in sides {
         for (camera, numbers) in missing {
-            found.push(missing_fields(lacking, *camera, numbers, has));
+            let other = exchanged.map(|[x, y]| {
+                if *camera == x {
+                    y
+                } else if *camera == y {
+                    x
+                } else {
+                    *camera
+                }
+            });
+            let is_there = |number: &u64| {
+                let own = other.map_or(&[][..], |other| lacks.fields_of(other));
+                own.binary_search_by_key(&number.wrapping_add_signed(offset), |f| f.field).is_ok()
+            };
+            let numbers: Vec<u64> = numbers.iter().copied().filter(|number| !is_there(number)).collect();
+            if !numbers.is_empty() {
+                found.push(missing_fields(lacking, *camera, &numbers, has));
+            }
         }
     }
     let handle = |h: &HandleState| {
@@ -89,8 +108,11 @@ fn missing_states<T>(a: &[T], b: &[T], name: impl Fn(&T) -> (u64, String)) -> Ve
 /// Cameras whose stamps are off against the others, ms.
 fn stamps(fields: &FieldPairs) -> BTreeMap<u32, f64> {
     let offsets = camera_offsets(&fields.pairs);
-    let off = offsets.into_iter().map(|(camera, offset)| (camera, offset - fields.clock_offset_ns));
-    off.filter(|(_, off)| off.abs() >= STAMPS_NS).map(|(camera, off)| (camera, off as f64 * 1e-6)).collect()
+    let off =
+        offsets.into_iter().map(|(camera, offset)| (camera, offset.wrapping_sub(fields.clock_offset_ns)));
+    off.filter(|(_, off)| off.unsigned_abs() >= STAMPS_NS)
+        .map(|(camera, off)| (camera, off as f64 * 1e-6))
+        .collect()
 }
 
 /// What was done to the blobs of paired fields.
@@ -101,15 +123,19 @@ pub fn of_blobs(a: &Side, b: &Side, fields: &FieldPairs) -> Vec<Finding> {
         return vec![swapped];
     }
     let (recoloured, mut found) = swapped_colours(a, b, fields);
-    let matcher = Matcher::new(a, b, rig, recoloured);
-    let (mut pairs, mut looked_at) = (Vec::new(), 0);
+    let matcher = Matcher::new(a, b, rig, recoloured, fields.clock_offset_ns);
+    let (mut pairs, mut looked_at): (Vec<BlobPair>, usize) = (Vec::new(), 0);
     for camera in &cameras {
         let own: Vec<FieldPair> = fields.pairs.iter().filter(|p| p.a.camera == camera.id).copied().collect();
         let matched = matcher.matched(camera, changed_part(a, b, &own));
         looked_at += matched.looked_at;
         pairs.extend(matched.pairs);
     }
-    let shifted = stamps(fields);
+    let same: BTreeSet<u32> =
+        cameras.iter().map(|c| c.id).filter(|id| are_same(&cameras, &pairs, *id)).collect();
+    let followed = follow_stamps(&cameras, &mut pairs);
+    let mut shifted = stamps(fields);
+    shifted.retain(|camera, _| !followed.contains(camera));
     let from_blobs = match pairs.len() * 2 < looked_at {
         true if looked_at > 0 => vec![Finding::new(
             Cause::OtherMotion { rms_px: 1.0 },
@@ -119,26 +145,83 @@ pub fn of_blobs(a: &Side, b: &Side, fields: &FieldPairs) -> Vec<Finding> {
         _ => explain(rig, &cameras, pairs),
     };
     for (camera, by_ms) in shifted {
-        found.push(stamp_finding(camera, by_ms, &from_blobs, fields));
+        found.push(stamp_finding(camera, by_ms, same.contains(&camera), fields));
     }
     found.extend(from_blobs);
     found
 }
 
-/// Stamps that are off. Where only two cameras sent, either may be the one.
-fn stamp_finding(camera: u32, by_ms: f64, from_blobs: &[Finding], fields: &FieldPairs) -> Finding {
+/// Whether the blobs of a camera are the same in both recordings.
+fn are_same(cameras: &[Camera], pairs: &[BlobPair], camera: u32) -> bool {
+    let own: Vec<BlobPair> = pairs.iter().filter(|pair| pair.camera == camera).cloned().collect();
+    let moved_px2 = Observed { cameras, pairs: &own }.unexplained_px2();
+    !own.is_empty() && moved_px2 < SAME_PX * SAME_PX * own.len() as f64
+}
+
+/// Stamps that are off: certain where the blobs are the same all the same. Where only two cameras sent,
+/// either may be the one.
+fn stamp_finding(camera: u32, by_ms: f64, same_blobs: bool, fields: &FieldPairs) -> Finding {
     let cameras: BTreeSet<u32> = fields.pairs.iter().map(|p| p.a.camera).collect();
-    let moved = from_blobs.iter().any(|f| matches!(f.cause, Cause::OtherMotion { .. }));
-    let sure = if cameras.len() < 3 || moved { Confidence::Possible } else { Confidence::Certain };
+    let sure = if cameras.len() < 3 || !same_blobs { Confidence::Possible } else { Confidence::Certain };
+    let blobs = if same_blobs { "its blobs are the same" } else { "its blobs do not follow" };
     let evidence =
-        format!("its stamps are off against those of {} other cameras, field by field", cameras.len() - 1);
+        format!("its stamps are off against those of {} other cameras, and {blobs}", cameras.len() - 1);
     Finding::new(Cause::ClockShifted { camera, by_ms }, sure, evidence)
 }
 
-/// The fields from the first on whose blobs differ: before it nothing had been done.
-fn changed_part<'p>(a: &Side, b: &Side, pairs: &'p [FieldPair]) -> &'p [FieldPair] {
-    let first = pairs.iter().position(|pair| a.blobs_of(&pair.a) != b.blobs_of(&pair.b));
-    first.map_or(pairs, |first| &pairs[first..])
+/// Takes out what blobs moved because they were exposed at other instants, as their stamps say: of cameras
+/// that run freely, each run has phases of its own. Returns the cameras of which that explains something.
+fn follow_stamps(cameras: &[Camera], pairs: &mut [BlobPair]) -> BTreeSet<u32> {
+    let mut followed = BTreeSet::new();
+    let common_s = common_time(cameras, pairs);
+    pairs.iter_mut().for_each(|pair| pair.stamped_later_s += common_s);
+    for camera in cameras {
+        let own = |pair: &&BlobPair| pair.camera == camera.id;
+        let (mut before, mut after) = (Vec::new(), Vec::new());
+        for pair in pairs.iter().filter(own) {
+            let mut less = pair.clone();
+            less.moved_px -= pair.moved_after(pair.stamped_later_s);
+            before.push(pair.clone());
+            after.push(less);
+        }
+        let px2 = |pairs: &[BlobPair]| Observed { cameras, pairs }.unexplained_px2();
+        let (left_px2, variance) =
+            (px2(&after), (px2(&after) / after.len().max(1) as f64).max(FLOOR_PX * FLOOR_PX));
+        if (px2(&before) - left_px2) / variance > SHOWN_CHI2 {
+            followed.insert(camera.id);
+            pairs.iter_mut().filter(|pair| pair.camera == camera.id).for_each(|pair| {
+                pair.moved_px -= pair.moved_after(pair.stamped_later_s);
+            });
+        }
+    }
+    followed
+}
+
+/// What is to be added to every stamp so that the blobs follow best, s: the clock of the second recording is
+/// known by its stamps only as far as its cameras exposed as before. The median over the cameras, so that one
+/// whose clock is off does not count.
+fn common_time(cameras: &[Camera], pairs: &[BlobPair]) -> f64 {
+    let own =
+        |camera: &Camera| pairs.iter().filter(|pair| pair.camera == camera.id).cloned().collect::<Vec<_>>();
+    let mut times: Vec<f64> =
+        cameras.iter().map(own).filter(|own| !own.is_empty()).map(|own| best_time(&own)).collect();
+    times.sort_by(f64::total_cmp);
+    // Of two in the middle the nearer to none: of two cameras the one whose clock is off does not count.
+    let middle = &times[times.len().saturating_sub(1) / 2..(times.len() / 2 + 1).min(times.len())];
+    middle.iter().copied().min_by(|s, t| s.abs().total_cmp(&t.abs())).unwrap_or(0.0)
+}
+
+/// What is to be added to the stamps of a camera so that its blobs follow best, s.
+fn best_time(pairs: &[BlobPair]) -> f64 {
+    let sample = evenly(pairs, TIMED_PAIRS);
+    let left_px2 = |time_s: f64| -> f64 {
+        let residual = |pair: &BlobPair| pair.moved_px - pair.moved_after(pair.stamped_later_s + time_s);
+        sample.iter().map(|pair| residual(pair).norm_squared().min(1.0)).sum()
+    };
+    let times = (-TIME_STEPS..=TIME_STEPS).map(|n| f64::from(n) * TIME_STEP_S);
+    let best = times.map(|time_s| (left_px2(time_s), time_s)).min_by(|p, q| p.0.total_cmp(&q.0));
+    // Blobs that are the same need none.
+    best.filter(|(left, _)| *left < 0.9 * left_px2(0.0)).map_or(0.0, |(_, time_s)| time_s)
 }
 
 /// The causes that explain how blobs moved, the best first, until noise is left.
@@ -261,94 +344,4 @@ fn centre_shift(camera: &Camera, p: &[f64]) -> f64 {
         ..camera.clone()
     };
     (moved.centre_in_world() - camera.centre_in_world()).norm()
-}
-
-/// Two cameras of which each shows what the other one showed.
-fn swapped_cameras(a: &Side, b: &Side, fields: &FieldPairs, cameras: &[Camera]) -> Option<Finding> {
-    let shares = |camera: u32, other: u32| {
-        let own: Vec<FieldPair> = fields.pairs.iter().filter(|p| p.a.camera == camera).copied().collect();
-        let (mut same, mut all) = (0, 0);
-        for pair in evenly(&own, EXCHANGED_FIELDS) {
-            let of_other = b.fields_of(other);
-            let at = of_other.partition_point(|f| f.field < pair.b.field);
-            let Some(field) = of_other.get(at).filter(|f| f.field == pair.b.field) else { continue };
-            let places: Vec<_> =
-                b.blobs_of(field).iter().map(|q| (Vector2::from(q.at_px), q.colour)).collect();
-            for p in a.blobs_of(&pair.a) {
-                all += 1;
-                let here = Vector2::from(p.at_px);
-                same += usize::from(
-                    places.iter().any(|(q, colour)| *colour == p.colour && (q - here).norm() < SAME_PLACE_PX),
-                );
-            }
-        }
-        if all == 0 { 0.0 } else { same as f64 / all as f64 }
-    };
-    for (number, one) in cameras.iter().enumerate() {
-        for other in &cameras[number + 1..] {
-            let [p, q] = [shares(one.id, other.id), shares(other.id, one.id)];
-            if p.min(q) > EXCHANGED && shares(one.id, one.id).max(shares(other.id, other.id)) < 0.5 {
-                let evidence =
-                    format!("{:.0} % of the blobs of each are where the other's were", 100.0 * p.min(q));
-                return Some(Finding::new(
-                    Cause::CamerasSwapped { cameras: [one.id, other.id] },
-                    Confidence::Likely,
-                    evidence,
-                ));
-            }
-        }
-    }
-    None
-}
-
-/// Colours of the second recording, and what they are in the first.
-type Recoloured = Vec<(u32, u32)>;
-
-/// Colours that are exchanged: blobs are where they were, in the other's colour. Where that is so in some
-/// cameras only, their blobs of these colours are compared no further.
-fn swapped_colours(a: &Side, b: &Side, fields: &FieldPairs) -> (Recoloured, Vec<Finding>) {
-    let mut by_pair: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
-    let cameras: BTreeSet<u32> = fields.pairs.iter().map(|p| p.a.camera).collect();
-    for camera in &cameras {
-        let own: Vec<FieldPair> = fields.pairs.iter().filter(|p| p.a.camera == *camera).copied().collect();
-        let counts = colours_at_places(a, b, &evenly(changed_part(a, b, &own), EXCHANGED_FIELDS));
-        let all =
-            |colour: u32| counts.iter().filter(|((from, _), _)| *from == colour).map(|(_, n)| n).sum::<u32>();
-        let became = |from: u32, to: u32| {
-            let n = counts.get(&(from, to)).copied().unwrap_or(0);
-            n >= 10 && f64::from(n) >= EXCHANGED * f64::from(all(from))
-        };
-        for (from, to) in counts.keys().filter(|(from, to)| from < to) {
-            if became(*from, *to) && became(*to, *from) {
-                by_pair.entry([*from, *to]).or_default().push(*camera);
-            }
-        }
-    }
-    let everywhere = by_pair.iter().filter(|(_, own)| own.len() == cameras.len());
-    let recoloured = everywhere.flat_map(|([x, y], _)| [(*x, *y), (*y, *x)]).collect();
-    let finding = |(colours, cameras): ([u32; 2], Vec<u32>)| {
-        let evidence = "blobs are where they were, in the other's colour";
-        Finding::new(
-            Cause::ColoursSwapped { colours: colours.map(colour_name), cameras },
-            Confidence::Likely,
-            evidence,
-        )
-    };
-    (recoloured, by_pair.into_iter().map(finding).collect())
-}
-
-/// How often a blob of one colour is, in the second recording, one of another at the same place.
-fn colours_at_places(a: &Side, b: &Side, pairs: &[FieldPair]) -> BTreeMap<(u32, u32), u32> {
-    let mut counts = BTreeMap::new();
-    for pair in pairs {
-        for p in a.blobs_of(&pair.a) {
-            let here = Vector2::from(p.at_px);
-            let distance = |q: &super::side::BlobSeen| (Vector2::from(q.at_px) - here).norm();
-            let nearest = b.blobs_of(&pair.b).iter().min_by(|q, r| distance(q).total_cmp(&distance(r)));
-            if let Some(q) = nearest.filter(|q| distance(q) < SAME_PLACE_PX) {
-                *counts.entry((p.colour, q.colour)).or_insert(0) += 1;
-            }
-        }
-    }
-    counts
 }

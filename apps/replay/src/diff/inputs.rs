@@ -166,7 +166,7 @@ fn missing(a: &Side, b: &Side, fields: &FieldPairs, figures: &mut InputFigures) 
             figures.fields_missing += numbers.len() as u64;
             let Some(field) = numbers.first() else { continue };
             let seen = has.fields_of(*camera).iter().find(|f| f.field == *field);
-            let at_ns = seen.map_or(0, |f| f.exposed_ns.wrapping_add_signed(-ahead_ns));
+            let at_ns = seen.map_or(0, |f| f.exposed_ns.wrapping_add_signed(ahead_ns.wrapping_neg()));
             if first.as_ref().is_none_or(|first| at_ns < first.at_ns) {
                 let what =
                     format!("presence: the {lacking} recording lacks field {field} of camera {camera}");
@@ -186,7 +186,7 @@ fn compare_field(
 ) -> Option<FirstInput> {
     let FieldSeen { camera, field, exposed_ns, .. } = pair.a;
     let found = |what: String| Some(FirstInput { at_ns: exposed_ns, field, what });
-    let off_ns = difference(exposed_ns, pair.b.exposed_ns) - ahead_ns;
+    let off_ns = difference(exposed_ns, pair.b.exposed_ns).wrapping_sub(ahead_ns);
     let (seen, other) = (a.blobs_of(&pair.a), b.blobs_of(&pair.b));
     figures.stamps_differ += u64::from(off_ns != 0);
     figures.blobs_differ += u64::from(seen != other);

@@ -55,11 +55,7 @@ impl Model {
             Model::Turned(_) => moved_by_camera(camera, pair, &[p[0], p[1], p[2], 0.0, 0.0, 0.0]),
             Model::Moved(_) => moved_by_camera(camera, pair, p),
             Model::Focal(_) => (pair.a_px - camera.centre_px) * (p[0] * 0.01),
-            Model::Clock(_) => {
-                let [v, a] = pair.motion;
-                let late_s = p[0] * 1e-3;
-                v * late_s + a * (0.5 * late_s * late_s)
-            }
+            Model::Clock(_) => pair.moved_after(p[0] * 1e-3),
             Model::Marker(_) => {
                 let by = pair.world_from_body * Vector3::new(p[0], p[1], p[2]);
                 between(camera.project(&pair.p_in_world), camera.project(&(pair.p_in_world + by)))

@@ -71,13 +71,16 @@ pub fn pair_frames(a: &Side, b: &Side, fields: &FieldPairs) -> (Vec<FramePair>, 
     let (mut one, mut other) = (a.frames.iter().peekable(), b.frames.iter().peekable());
     let number = |f: &&FrameSeen| f.field.wrapping_add_signed(fields.number_offset);
     while let (Some(p), Some(q)) = (one.peek(), other.peek()) {
-        match number(p).cmp(&q.field) {
-            std::cmp::Ordering::Equal => {
-                pairs.push(FramePair { a: **p, b: **q });
-                (one.next(), other.next());
-            }
-            std::cmp::Ordering::Less => drop((one.next(), alone += 1)),
-            std::cmp::Ordering::Greater => drop((other.next(), alone += 1)),
+        let order = number(p).cmp(&q.field);
+        match order {
+            std::cmp::Ordering::Equal => pairs.push(FramePair { a: **p, b: **q }),
+            _ => alone += 1,
+        }
+        if order.is_le() {
+            one.next();
+        }
+        if order.is_ge() {
+            other.next();
         }
     }
     let left = one.count() + other.count();

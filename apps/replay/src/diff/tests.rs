@@ -1,3 +1,5 @@
+//! Recordings beside changed copies of themselves.
+
 use super::causes::{Cause, Confidence};
 use super::comparison::{Comparison, StageName};
 use super::{read, text};

@@ -12,7 +12,7 @@ use std::fmt::Write;
 use std::process::ExitCode;
 use toml::{Table, Value};
 use tracker::Tuning;
-use tracker::tuning::TUNABLE;
+use tracker::tuning::{TUNABLE, TuningError};
 
 /// What keys of the tracker begin with, also in the configuration of a recording.
 pub const TRACKER: &str = "tracker.";
@@ -152,7 +152,10 @@ pub fn assign(set: &[Assignment], tuning: &mut Tuning, scene: &mut SceneFile) ->
     let mut changed = false;
     for Assignment { key, value } in set {
         if let Some(name) = key.strip_prefix(TRACKER) {
-            tuning.set(name, *value).map_err(|problem| WrongUse(format!("--set {TRACKER}{problem}")))?;
+            tuning.set(name, *value).map_err(|problem| match problem {
+                TuningError::Unknown { .. } => unknown(key, scene),
+                range => WrongUse(format!("--set {TRACKER}{range}")),
+            })?;
         } else {
             let slot = key.strip_prefix(SCENE).and_then(|path| slot(&mut edited, path));
             let Some(slot) = slot else { return Err(unknown(key, scene).into()) };
@@ -221,7 +224,7 @@ mod tests {
         assert_eq!((spring, set("tracker.gate", 30.0).unwrap().0.gate), (3.0, 30.0));
         for (key, value, named) in [
             ("scene.membrane.stiffness", 1.0, "did you mean scene.membrane."),
-            ("tracker.gatte", 1.0, "did you mean gate?"),
+            ("tracker.gatte", 1.0, "did you mean tracker.gate?"),
             ("spring", 1.0, "no such key"),
             ("scene.script.period_s", 1.0, "no such key"),
             ("tracker.gate", 0.0, "expected 1 to 1000"),

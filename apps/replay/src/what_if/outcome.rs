@@ -50,9 +50,15 @@ pub struct Done {
 
 /// An item of the outcome, or one that is yet to be made.
 enum Slot {
-    Ready(Item),
+    Ready(Box<Item>),
     Poses,
     Step(u64),
+}
+
+impl Slot {
+    fn ready(item: Item) -> Self {
+        Slot::Ready(Box::new(item))
+    }
 }
 
 /// A run under way.
@@ -126,7 +132,7 @@ impl<'a> Outcome<'a> {
         let slot = match &item {
             Item::Poses(_) => Slot::Poses,
             Item::Step(step) => Slot::Step(step.step),
-            _ => Slot::Ready(item.clone()),
+            _ => Slot::ready(item.clone()),
         };
         self.waiting.push_back((at, vec![slot]));
         if !matches!(item, Item::Poses(_)) {
@@ -165,12 +171,12 @@ impl<'a> Outcome<'a> {
             return;
         }
         self.done.frames += 1;
-        slots.push(Slot::Ready(Item::Poses(Box::new(frame))));
+        slots.push(Slot::ready(Item::Poses(Box::new(frame))));
         slots.extend(
             self.tracker
                 .as_ref()
                 .and_then(|tracker| saved(tracker, &frame, &mut self.times[0]))
-                .map(Slot::Ready),
+                .map(Slot::ready),
         );
         let at = *at;
         self.steps.note(at, Item::Poses(Box::new(frame)));
@@ -301,7 +307,7 @@ fn fill(waiting: &mut VecDeque<(Nanos, Vec<Slot>)>, number: u64, made: Vec<Item>
     for (_, slots) in waiting.iter_mut() {
         match slots[..] {
             [Slot::Step(step)] if step == number => {
-                *slots = made.into_iter().map(Slot::Ready).collect();
+                *slots = made.into_iter().map(Slot::ready).collect();
                 return;
             }
             [Slot::Step(step)] if step < number => slots.clear(),

@@ -107,6 +107,17 @@ fn range(text: &str) -> Result<Range, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn any_text_is_read_or_refused(text in "\\PC{0,40}", key in "[a-z.]{1,9}", a in -1e6..1e6f64, b in -1e6..1e6f64, n in 2usize..50) {
+            let _ = (assignment(&text), range(&text), range(&format!("k={text}")));
+            let read = range(&format!("{key}={a}:{b}:{n}")).unwrap();
+            prop_assert_eq!((read.values.len(), read.values[0], read.values[n - 1]), (n, a, b));
+            prop_assert_eq!(assignment(&format!("{key}={a}")).unwrap(), Assignment { key, value: a });
+        }
+    }
 
     #[test]
     fn assignments_and_ranges_are_read_and_odd_ones_refused() {

@@ -1,7 +1,7 @@
 //! The two recordings of a planted defect.
 
 use super::Defect;
-use crate::streams::{Knock, Recipe, Scenario, Stream};
+use crate::streams::{Knock, Recipe, Scenario};
 use anyhow::Context;
 use nalgebra::Vector3;
 use protocol::blobs::BlobField;
@@ -16,6 +16,7 @@ use rig::Rig;
 use scene::SceneFile;
 use settings::commands::{Assignment, WhatIfArgs};
 use simcore::world::{World, no_clock};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 use tracker::stream::StreamTracker;
@@ -45,8 +46,18 @@ pub fn pair(seed: u64, defect: &Defect, rig: &Rig) -> anyhow::Result<Pair> {
     let (a, b) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
     let scenario = [Scenario::Nominal, Scenario::Async, Scenario::Tremor][(seed / 2 % 3) as usize];
     let recipe = Recipe { scenario, seed, seconds: SECONDS, knocks: vec![] };
-    let clean = recipe.draw(rig);
-    record(&a, rig, &clean.fields, None)?;
+    let mut clean = recipe.draw(rig).fields;
+    let mut changed = fields(&recipe, defect, rig, &clean);
+    if is_drawn_again(defect) {
+        // Fields are lost by chance, of another draw others.
+        let numbers =
+            |fields: &[BlobField]| fields.iter().map(|f| (f.camera, f.field)).collect::<BTreeSet<_>>();
+        let both: BTreeSet<_> = numbers(&clean).intersection(&numbers(&changed)).copied().collect();
+        [&mut clean, &mut changed]
+            .into_iter()
+            .for_each(|own| own.retain(|f| both.contains(&(f.camera, f.field))));
+    }
+    record(&a, rig, &clean, None)?;
     match defect {
         Defect::Springs { factor } => {
             let scene = SceneFile::load(SCENE)?;
@@ -54,15 +65,25 @@ pub fn pair(seed: u64, defect: &Defect, rig: &Rig) -> anyhow::Result<Pair> {
             what_if(&a, &b, "scene.membrane.stiffness_un_per_mm", stiffness * factor)?;
         }
         Defect::TrackerConstant { key, value } => what_if(&a, &b, &format!("tracker.{key}"), *value)?,
-        Defect::HandleLost { seq } => record(&b, rig, &clean.fields, Some(*seq))?,
-        _ => record(&b, &told_rig(defect, rig), &fields(&recipe, defect, rig, clean), None)?,
+        Defect::HandleLost { seq } => record(&b, rig, &clean, Some(*seq))?,
+        _ => record(&b, &told_rig(defect, rig), &changed, None)?,
     }
     Ok(Pair { folder, a, b })
 }
 
+/// Whether the defect is in the drawing of the stream, and not in what is done to it.
+fn is_drawn_again(defect: &Defect) -> bool {
+    match defect {
+        Defect::CameraTurned { in_rig, .. } | Defect::MarkerMoved { in_rig, .. } => !in_rig,
+        Defect::Focal { .. } | Defect::ExposedLate { .. } => true,
+        Defect::OtherNoise | Defect::OtherMotion => true,
+        _ => false,
+    }
+}
+
 /// The fields with the defect.
-fn fields(recipe: &Recipe, defect: &Defect, rig: &Rig, clean: Stream) -> Vec<BlobField> {
-    let mut fields = clean.fields;
+fn fields(recipe: &Recipe, defect: &Defect, rig: &Rig, clean: &[BlobField]) -> Vec<BlobField> {
+    let mut fields = clean.to_vec();
     match *defect {
         Defect::CameraTurned { camera, turn_rad, in_rig: false } => {
             let knock =
@@ -73,6 +94,12 @@ fn fields(recipe: &Recipe, defect: &Defect, rig: &Rig, clean: Stream) -> Vec<Blo
             fields = recipe.draw(&real_rig(defect, rig)).fields;
         }
         Defect::ExposedLate { camera, by_ms } => fields = recipe.draw_late(rig, camera, by_ms * 1e-3).fields,
+        Defect::OtherNoise => {
+            fields = Recipe { seed: recipe.seed + 1_000, ..recipe.clone() }
+                .draw_motion_of(rig, recipe.seed)
+                .fields;
+        }
+        Defect::OtherMotion => fields = recipe.draw_motion_of(rig, recipe.seed + 1_000).fields,
         Defect::ColoursSwapped { colours } => {
             let [a, b] = colours.map(|c| c as u32);
             for blob in fields.iter_mut().flat_map(|f| &mut f.blobs) {
