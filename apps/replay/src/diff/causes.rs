@@ -59,6 +59,13 @@ pub enum Cause {
         /// `A` or `B`, which lacks it.
         lacking: char,
     },
+    /// A recording begins later or ends earlier than the other.
+    Shorter {
+        /// `A` or `B`, the shorter one.
+        lacking: char,
+        /// Camera-fields that only the other has, before its beginning or behind its end.
+        fields: u64,
+    },
     /// The clock of a camera is off.
     ClockShifted {
         /// Camera id.
@@ -190,6 +197,9 @@ impl Cause {
             }
             Cause::CameraLost { camera, from_s, lacking } => {
                 format!("camera {camera} lost in {lacking} from {from_s:.2} s on")
+            }
+            Cause::Shorter { lacking, fields } => {
+                format!("{lacking} is shorter, by {fields} camera-fields at its beginning or end")
             }
             Cause::ClockShifted { camera, by_ms } => {
                 format!("clock of camera {camera} off by {by_ms:+.2} ms")

@@ -196,7 +196,8 @@ impl Comparison {
         let mut left = Vec::new();
         let upstream = [StageName::Rig, StageName::Settings].iter().any(|stage| self.stage(*stage).is_some());
         let input_s = self.stage(StageName::Inputs).map(|stage| stage.at_s.unwrap_or(0.0));
-        if let Some(poses) = self.stage(StageName::Poses) {
+        let differing = self.poses.identical < self.poses.frames_compared;
+        if let Some(poses) = self.stage(StageName::Poses).filter(|_| differing) {
             // A frame is for the exposure of one camera; those of the others lie up to a period beside it.
             let slack_s = 2.0 * FIELD_PERIOD_NS as f64 * 1e-9;
             let before_inputs = input_s.is_none_or(|at| poses.at_s.unwrap_or(0.0) < at - slack_s);
@@ -293,7 +294,8 @@ fn name_entry(a: &Side, b: &Side, pair: &FramePair) -> String {
         let same = |p: &protocol::poses::BodyState| protocol::poses::BodyState { measured_ns: 0, ..*p };
         bytemuck::bytes_of(&same(p)) != bytemuck::bytes_of(&same(q))
     });
-    found.map_or("bodies".into(), |((p, q), name)| format!("bodies.{name}.{}", first_difference(p, q)))
+    let part = |p, q| first_difference(p, q).split(" recorded").next().unwrap_or_default().to_owned();
+    found.map_or("bodies".into(), |((p, q), name)| format!("bodies.{name}.{}", part(p, q)))
 }
 
 fn frame_of(file: &Path, field: u64, exposed_ns: u64) -> Option<Box<TrackerFrame>> {

@@ -43,6 +43,7 @@ pub fn missing(a: &Side, b: &Side, fields: &FieldPairs, exchanged: Option<[u32; 
     let sides =
         [('B', &fields.missing_in_b, a, b, offset), ('A', &fields.missing_in_a, b, a, offset.wrapping_neg())];
     for (lacking, missing, has, lacks, offset) in sides {
+        let (span, mut beyond) = (numbers_of(lacks), 0);
         for (camera, numbers) in missing {
             let other = exchanged.map(|[x, y]| {
                 if *camera == x {
@@ -57,10 +58,23 @@ pub fn missing(a: &Side, b: &Side, fields: &FieldPairs, exchanged: Option<[u32; 
                 let own = other.map_or(&[][..], |other| lacks.fields_of(other));
                 own.binary_search_by_key(&number.wrapping_add_signed(offset), |f| f.field).is_ok()
             };
-            let numbers: Vec<u64> = numbers.iter().copied().filter(|number| !is_there(number)).collect();
+            let within = |number: &u64| span.contains(&number.wrapping_add_signed(offset));
+            beyond += numbers.iter().filter(|number| !within(number)).count() as u64;
+            let absent = numbers.iter().copied().filter(|number| within(number) && !is_there(number));
+            let numbers: Vec<u64> = absent.collect();
             if !numbers.is_empty() {
-                found.push(missing_fields(lacking, *camera, &numbers, has));
+                let last = has.fields_of(*camera).last().map_or(0, |f| f.field);
+                let beyond_end = !within(&last);
+                found.push(missing_fields(lacking, *camera, &numbers, has, beyond_end));
             }
+        }
+        if beyond > 0 && !lacks.fields.is_empty() {
+            let cause = Cause::Shorter { lacking, fields: beyond };
+            found.push(Finding::new(
+                cause,
+                Confidence::Certain,
+                "none of its cameras has fields of these numbers",
+            ));
         }
     }
     let handle = |h: &HandleState| {
@@ -72,14 +86,24 @@ pub fn missing(a: &Side, b: &Side, fields: &FieldPairs, exchanged: Option<[u32; 
     found
 }
 
-/// Single fields, or all from some instant on.
-fn missing_fields(lacking: char, camera: u32, numbers: &[u64], has: &Side) -> Finding {
+/// Numbers of the camera-fields of a recording, from the first to the last; of none all.
+fn numbers_of(side: &Side) -> std::ops::RangeInclusive<u64> {
+    let numbers = || side.fields.iter().map(|f| f.field);
+    numbers().min().unwrap_or(0)..=numbers().max().unwrap_or(u64::MAX)
+}
+
+/// Single fields, or all from some instant on. `beyond_end`: the camera goes on when the other recording has
+/// ended.
+fn missing_fields(lacking: char, camera: u32, numbers: &[u64], has: &Side, beyond_end: bool) -> Finding {
     let own = has.fields_of(camera);
     let absent: BTreeSet<u64> = numbers.iter().copied().collect();
-    let at_the_end = own.iter().rev().take_while(|f| absent.contains(&f.field)).count();
+    let last = numbers.last().copied().unwrap_or(0);
+    let until = own.partition_point(|f| f.field <= last);
+    let near_end = own.len() - until < LOST_FIELDS || beyond_end;
+    let at_the_end = own[..until].iter().rev().take_while(|f| absent.contains(&f.field)).count();
     let count = numbers.len() as u64;
-    if at_the_end >= LOST_FIELDS {
-        let from_s = seconds(has.start_ns(), own[own.len() - at_the_end].exposed_ns);
+    if at_the_end >= LOST_FIELDS && near_end {
+        let from_s = seconds(has.start_ns(), own[until - at_the_end].exposed_ns);
         let evidence = format!("{at_the_end} fields to the end are in the other recording");
         return Finding::new(Cause::CameraLost { camera, from_s, lacking }, Confidence::Certain, evidence);
     }

@@ -118,3 +118,17 @@ fn a_page_needs_no_network_and_escapes_what_it_shows() {
     );
     assert!(!page.contains("<b>") && !page.contains("src=") && !page.contains("href=\"http"), "{page}");
 }
+
+#[test]
+fn a_recording_that_ends_earlier_is_shorter_and_has_lost_no_camera() {
+    let shorter = compared(|item| {
+        let field = match &item {
+            Item::Blobs(field) => field.field,
+            Item::Poses(frame) => frame.field,
+            _ => 0,
+        };
+        (field < 60).then_some(item)
+    });
+    let found: Vec<&Cause> = shorter.causes.iter().map(|finding| &finding.cause).collect();
+    assert!(matches!(found[..], [Cause::Shorter { lacking: 'B', fields: 120 }]), "{found:?}");
+}
