@@ -13,7 +13,7 @@ fn planted(defect: Defect, seed: u64) -> Planted {
 fn each_defect_is_named_and_no_innocent_with_it() {
     let mut named = 0;
     for defect in Defect::ALL.into_iter().filter(|d| *d != Defect::None) {
-        let planted = planted(defect, 3);
+        let planted = planted(defect, 1);
         let truth: Cause = planted.truth.expect("a defect");
         let judged = judge(&planted.rig, &planted.fields, |_, _| {});
         println!("{truth}\n    {}", judged.text());

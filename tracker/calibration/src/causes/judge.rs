@@ -23,6 +23,8 @@ const ALIKE: f64 = 0.93;
 const LEAST: (f64, f64) = (0.01, 0.25);
 /// A defect has begun where the mean square is this many times that of before, and that more, px².
 const BEGUN: (f64, f64) = (1.8, 0.006);
+/// Slices after the begin of a defect, at least: fewer are too little to judge.
+const LATER: usize = 3;
 /// Mean square that a rig which holds may leave, px²: markers that hide each other.
 const FLOOR_PX2: f64 = 0.02;
 /// Share of what is above that which a remedy must take away.
@@ -98,9 +100,10 @@ impl Judgement {
 pub fn judge(rig: &Rig, fields: &[BlobField], mut progress: impl FnMut(usize, usize)) -> Judgement {
     let begin = fields.iter().map(|f| f.exposed_ns).min().unwrap_or(0);
     let onset = onset(&slices(rig, fields)).filter(|at| *at > begin + START_NS + SLICE_NS);
-    let from = onset.unwrap_or(begin);
-    let within = |f: &&BlobField| (from..from + STRETCH_NS).contains(&f.exposed_ns);
-    let stretch: Vec<BlobField> = fields.iter().filter(within).copied().collect();
+    // What progressive pictures leave depends on the motion, not on when they began.
+    let always = progressive::detect(rig, &stretch(fields, begin)).is_some();
+    let from = onset.filter(|_| !always).unwrap_or(begin);
+    let stretch = stretch(fields, from);
     let before = measure(rig, &stretch);
     let mut judgement = Judgement {
         verdict: Verdict::TooLittle,
@@ -133,6 +136,12 @@ pub fn judge(rig: &Rig, fields: &[BlobField], mut progress: impl FnMut(usize, us
     judgement
 }
 
+/// The fields that are judged, from an exposure on.
+fn stretch(fields: &[BlobField], from: Nanos) -> Vec<BlobField> {
+    let within = |f: &&BlobField| (from..from + STRETCH_NS).contains(&f.exposed_ns);
+    fields.iter().filter(within).copied().collect()
+}
+
 /// Tries every remedy on a stretch, and counts them.
 fn try_all(
     rig: &Rig,
@@ -161,7 +170,7 @@ fn holds(left: &Left) -> bool {
 /// parts with the largest difference between their means.
 fn onset(slices: &[(Nanos, Left)]) -> Option<Nanos> {
     let mean = |part: &[(Nanos, Left)]| part.iter().map(|(_, l)| l.mean()).sum::<f64>() / part.len() as f64;
-    let splits = (1..slices.len()).map(|at| {
+    let splits = (1..(slices.len() + 1).saturating_sub(LATER)).map(|at| {
         let (before, after) = slices.split_at(at);
         let [low, high] = [before, after].map(mean);
         let weight = (before.len() * after.len()) as f64;
