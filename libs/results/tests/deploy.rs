@@ -8,7 +8,7 @@ use tempfile::TempDir;
 use yaml_rust2::{Yaml, YamlLoader};
 
 fn deploy(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../packaging/deploy").join(name)
 }
 
 /// A folder with a program `vitreo` that writes its arguments into `given` and ends with a code, and

@@ -31,7 +31,7 @@ pub fn targets() -> Vec<Target> {
     let target =
         |name, run, seeds, longest| Target { name, kind: Kind::Recording, run, seeds, layout: None, longest };
     vec![
-        target("recording", recording, corpus::recordings, 96 << 10),
+        target("recording", recording, corpus::recordings, 160 << 10),
         target("journal", journal, corpus::journals, 64 << 10),
         target("state", checkpoint, checkpoints, 512 << 10),
         target("tracker-state", tracker_checkpoint, tracker_checkpoints, 256 << 10),
