@@ -9,6 +9,9 @@ use protocol::inputs::Key;
 use std::io::{IsTerminal, stderr, stdin};
 use std::time::Duration;
 
+/// Columns where a terminal does not say how many it has.
+const COLUMNS: usize = 80;
+
 /// The terminal, which gives keys as they are pressed until this is dropped.
 pub struct Terminal {
     shown: String,
@@ -55,7 +58,9 @@ impl Terminal {
     /// # Errors
     /// Where the terminal cannot be written.
     pub fn show(&mut self, line: &str) -> anyhow::Result<()> {
-        let columns = size().map_or(80, |(columns, _)| usize::from(columns));
+        // Some terminals say that they have none.
+        let columns = size().map_or(0, |(columns, _)| usize::from(columns));
+        let columns = if columns == 0 { COLUMNS } else { columns };
         let line: String = line.chars().take(columns.saturating_sub(1)).collect();
         if line != self.shown {
             execute!(stderr(), MoveToColumn(0), Clear(ClearType::CurrentLine), Print(&line))
