@@ -98,7 +98,7 @@ fn a_terminal_plays_stops_steps_and_goes_anywhere() {
     replay.type_in(".", "step 50 ");
     replay.type_in("\u{1b}[D", "step 49 ");
     replay.type_in("\u{1b}[H", "0.00 s");
-    replay.type_in("\u{1b}[A", "paused");
+    replay.type_in("\u{1b}[A", "paused at x2");
     replay.type_in("h", "play, pause");
     replay.type_in("gx\r", "expected seconds");
     replay.type_in("g0.5\r", "0.50 s");
@@ -115,7 +115,7 @@ fn an_imported_stream_is_stepped_too() {
     vitreo(&["import", "--rig", &rig, &blobs, "-o", &stream]).expect_code(0);
     let mut replay = AtTerminal::start(&["replay", &stream, "--interactive", "--rate", "0.05"]);
     replay.await_text("x0.05");
-    replay.type_in(" ", "paused");
+    replay.type_in(" ", "paused at x0.05");
     replay.type_in("gs40\r", "step 40 ");
     replay.type_in(",", "step 39 ");
     replay.end();

@@ -177,7 +177,11 @@ impl Transport {
         if let Some(refused) = &self.refused {
             return format!("'{refused}': expected seconds, f and a field, or s and a step");
         }
-        let how = if self.playing { format!("x{}", self.rate) } else { "paused".into() };
+        let how = match (self.playing, self.rate == 1.0) {
+            (true, _) => format!("x{}", self.rate),
+            (false, true) => "paused".into(),
+            (false, false) => format!("paused at x{}", self.rate),
+        };
         let looping = if self.looping { ", loop" } else { "" };
         let marks = match self.marks.len() {
             0 => String::new(),
