@@ -51,7 +51,7 @@ pub use what_if::{Assignment, Range, SettingsListArgs, SweepArgs, WhatIfArgs};
 #[derive(Debug, clap::Subcommand)]
 pub enum RecordingCommand {
     /// Run a recording through tracker and tissue again.
-    Replay(ReplayArgs),
+    Replay(Box<ReplayArgs>),
     /// Make a recording from a rig and a blob stream.
     Import(ImportArgs),
     /// Write the contents of a recording as CSV or JSON lines.

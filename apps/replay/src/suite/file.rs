@@ -208,7 +208,7 @@ impl Case {
             }
         }
         for (name, most) in &self.tips_um {
-            if !BODY_NAMES[..2].contains(&name.as_str()) || !(most.is_finite() && *most > 0.0) {
+            if !(BODY_NAMES[..2].contains(&name.as_str()) && most.is_finite() && *most > 0.0) {
                 return Some((format!("tips_um.{name}"), "inst0 or inst1, and µm above 0"));
             }
         }

@@ -80,14 +80,12 @@ impl Tips {
     /// Compares the tips that a frame has measured.
     pub fn note(&mut self, frame: &TrackerFrame) {
         let Some(tips) = self.at(frame.instants.exposed) else { return };
-        for i in 0..INSTRUMENTS {
-            let body = &frame.bodies[i];
+        for ((body, tip), sums) in frame.bodies.iter().zip(tips).zip(&mut self.sums) {
             if body.validity() != Validity::Measured || body.blobs_used == 0 {
                 continue;
             }
-            let error_mm = body.world_from_body.isometry().translation.vector - tips[i].coords;
-            self.sums[i].0 += error_mm.norm_squared() * 1e6;
-            self.sums[i].1 += 1;
+            let error_mm = body.world_from_body.isometry().translation.vector - tip.coords;
+            *sums = (sums.0 + error_mm.norm_squared() * 1e6, sums.1 + 1);
         }
     }
 
