@@ -1,8 +1,12 @@
 //! Parts of a recording are recordings: cut out, verified to the bit, drawn, and put together again; and whether
 //! one is whole is said.
 
+use rustix::fs::{FileType, Mode};
 use serde_json::Value;
-use vitreo_tests::{repository, vitreo};
+use std::io::Write;
+use std::path::Path;
+use std::time::{Duration, Instant};
+use vitreo_tests::{Running, interrupt, repository, vitreo};
 
 /// Poses and states that a verification compared, which must hold.
 fn verified(file: &str, report: &str) -> [u64; 2] {
@@ -68,6 +72,34 @@ fn what_cannot_be_cut_joined_or_is_not_whole_is_named() {
     assert!(told.contains("records   WRONG") && told.contains("d.mcap"), "{told}");
     let cut = vitreo(&["cut", &damaged, "--until", "2", "-o", &out]).expect_code(3);
     assert!(cut.stderr.contains("damaged"), "{}", cut.stderr);
+}
+
+#[test]
+fn an_interrupted_command_leaves_nothing_half_written() {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let [pipe, rig, stream] = ["blobs", "rig.json", "stream.mcap"].map(path);
+    let golden = repository().join("tests/data/golden/peel-2s.mcap").display().to_string();
+    vitreo(&["export", &golden, "--blobs", &path("b.jsonl"), "--rig", &rig]).expect_code(0);
+    let lines = std::fs::read(path("b.jsonl")).expect("blobs");
+    let made = rustix::fs::mknodat(rustix::fs::CWD, &*pipe, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0);
+    made.expect("a pipe");
+    let running = Running::start(&["import", "--rig", &rig, &pipe, "-o", &stream]);
+    // It goes on reading as long as this end is open.
+    let mut end = std::fs::File::options().write(true).open(&pipe).expect("the pipe");
+    end.write_all(&lines[..lines.len() / 2]).expect("written");
+    let parts = || {
+        let names = std::fs::read_dir(folder.path()).expect("folder").flatten();
+        names.filter(|entry| entry.path().extension().is_some_and(|end| end == "part")).count()
+    };
+    let begun = Instant::now();
+    while parts() == 0 {
+        assert!(begun.elapsed() < Duration::from_secs(60), "nothing is written");
+        std::thread::yield_now();
+    }
+    interrupt(running.pid());
+    running.finish().expect_code(130);
+    assert!(parts() == 0 && !Path::new(&stream).exists());
 }
 
 /// The suite of the product itself.

@@ -1,17 +1,23 @@
 //! Exit codes of this program's errors.
 
+use crate::pace::Stopped;
 use crate::score::objects::ObjectError;
-use outputs::exit::{FAILED, WRONG_USE, WrongUse};
+use ipc::IpcError;
+use outputs::exit::{FAILED, INTERRUPTED, WRONG_USE, WrongUse};
 use std::error::Error;
 
 /// The exit code of a command that ends with an error.
 pub fn code_of(error: &anyhow::Error) -> u8 {
+    if error.is::<Stopped>() {
+        return INTERRUPTED;
+    }
     if error.chain().find_map(is_wrong_use) == Some(true) { WRONG_USE } else { FAILED }
 }
 
 /// Whether a cause is wrong use; `None` where that depends on its own cause.
 fn is_wrong_use(cause: &(dyn Error + 'static)) -> Option<bool> {
-    let own = cause.downcast_ref().map(ObjectError::is_wrong_use);
+    let named = || cause.downcast_ref().map(|error| matches!(error, IpcError::InstanceName(_)));
+    let own = cause.downcast_ref().map(ObjectError::is_wrong_use).or_else(named);
     let known =
         own.or_else(|| surgeon::is_wrong_use(cause)).or_else(|| results::keeping::is_wrong_use(cause));
     known.or(cause.is::<WrongUse>().then_some(true))
@@ -28,7 +34,8 @@ mod tests {
     #[test]
     fn what_does_not_exist_is_wrong_use_and_what_is_defective_is_a_failure() {
         let missing = || SceneError::Missing { name: "x".into(), shipped: "peel".into() };
-        let wrong: [anyhow::Error; 7] = [
+        let wrong: [anyhow::Error; 8] = [
+            IpcError::InstanceName("a b".into()).into(),
             results::store::check_name("a b").unwrap_err().into(),
             WrongUse("--until".into()).into(),
             surgeon::skill::named("genius").unwrap_err().into(),
@@ -44,6 +51,7 @@ mod tests {
             ModuleError::Scene { name: "own".into(), source: missing() }.into(),
             StoreError::Value { field: "module", found: String::new(), expected: "a name".into() }.into(),
         ];
+        assert_eq!(code_of(&Stopped.into()), INTERRUPTED);
         failed.iter().for_each(|error| assert_eq!(code_of(error), FAILED, "{error:#}"));
     }
 }

@@ -1,5 +1,6 @@
 //! `vitreo-replay`: the commands on recordings, in one process and without a clock.
 
+use outputs::exit::INTERRUPTED;
 use outputs::exit_code;
 use settings::commands::RecordingCommand;
 use settings::{Program, SettingsArgs};
@@ -26,6 +27,9 @@ fn main() -> ExitCode {
         Err((problem, log)) => return ipc::logging::wrong_use("replay", &log, &problem),
     };
     ipc::logging::init("replay", &args.log);
+    if let Err(problem) = ipc::signals::end_by_default(INTERRUPTED) {
+        ipc::logging::warn(&format!("signals: {problem}"));
+    }
     let fail = |error: &anyhow::Error| {
         ipc::logging::fail(error.as_ref());
         ExitCode::from(replay::exit::code_of(error))

@@ -3,6 +3,7 @@
 
 use crate::blocks::Blocks;
 use crate::film::StepShown;
+use crate::pace::Stopped;
 use anyhow::{Context, bail};
 use ipc::clock::now;
 use ipc::logging::arguments;
@@ -104,8 +105,11 @@ impl Viewer {
             if let Some(status) = self.renderer.try_wait()? {
                 bail!("the renderer ended ({status})");
             }
-            if stopped() || begun.elapsed() > START {
-                bail!("the renderer has not started");
+            if stopped() {
+                bail!(Stopped);
+            }
+            if begun.elapsed() > START {
+                bail!("the renderer has not started after {} s", START.as_secs());
             }
         }
     }

@@ -9,6 +9,7 @@ use std::io::{self, BufWriter, Write};
 use std::os::fd::AsFd;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use tempfile::{Builder, NamedTempFile, PersistError, TempPath};
 
@@ -180,6 +181,15 @@ impl GrowingFile {
     }
 }
 
+/// Temporary names of this program. Those that are left are of files that are not whole.
+static TEMPORARY: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+/// Removes the files of this program that have no name yet, for a program that is about to end at once.
+pub fn remove_unfinished() {
+    let names = TEMPORARY.lock().unwrap_or_else(PoisonError::into_inner);
+    names.iter().for_each(|name| drop(fs::remove_file(name)));
+}
+
 impl Place {
     fn of(path: &Path, force: bool) -> Self {
         // What a link leads to is written over, not the link.
@@ -195,7 +205,9 @@ impl Place {
         let mut builder = Builder::new();
         let (prefix, mode) = (format!(".{name}."), Permissions::from_mode(0o666));
         builder.prefix(&prefix).suffix(".part").permissions(mode);
-        builder.tempfile_in(self.folder()).map_err(refused)
+        let file = builder.tempfile_in(self.folder()).map_err(refused)?;
+        TEMPORARY.lock().unwrap_or_else(PoisonError::into_inner).push(file.path().into());
+        Ok(file)
     }
 
     fn folder(&self) -> &Path {

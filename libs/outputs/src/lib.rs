@@ -20,7 +20,7 @@ mod stdout;
 mod video;
 
 pub use claim::{FILM_STILLS, Names, Outputs, STILLS};
-pub use file::{GrowingFile, OutputFile, save};
+pub use file::{GrowingFile, OutputFile, remove_unfinished, save};
 pub use printable::printable;
 pub use stdout::{exit_code, standard_output_failure, write_to_stdout};
 pub use video::{VideoFormat, video_file};

@@ -126,7 +126,7 @@ fn again(
 ) -> anyhow::Result<(Tracking, Vec<Event>)> {
     let desk = recording.provenance().config.contains_key(DESK);
     let mut verdict = Verdict::new(recording.provenance(), desk);
-    let (mut tracking, mut events) = (Tracking::new(rig), Vec::new());
+    let (mut tracking, mut events, mut lost) = (Tracking::new(rig), Vec::new(), None);
     let world = World::new(&scene_of(recording)?).context("scene")?.unseen();
     let mut run = Recorded::new(recording, rig, world);
     run.run(|made| {
@@ -134,6 +134,7 @@ fn again(
             Made::Frame(turn, frame, _) => {
                 turn.fields.iter().for_each(|field| tracking.note_field(field));
                 let _ = tracking.note_frame(frame);
+                lost = lost.take().or_else(|| turn.lost.clone());
                 if turn.determined {
                     verdict.pose(&turn.recorded, frame);
                 } else {
@@ -154,10 +155,14 @@ fn again(
     if case.verify != Some(false) {
         verdict.states.missing += run.steps.done.missing;
         verdict.pass_over_steps(run.steps.left_out());
-        let left_out = verdict.left_out();
+        let mut reasons = verdict.left_out();
+        let without_frame = if desk { 0 } else { run.frames.due.frames_missing() };
+        reasons.extend((without_frame > 0).then(|| format!("{without_frame} fields have no tracker frame")));
+        reasons.extend(lost.or(run.steps.lost).or(run.frames.lost));
+        reasons.extend((!recording.is_finished()).then(|| "the recording was not closed in order".into()));
         checked.verified = verdict.poses.compared + verdict.states.compared;
-        checked.expect(verdict.difference.is_none() && left_out.is_empty() && checked.verified > 0, || {
-            [vec![verdict.text()], left_out].concat().join("; ")
+        checked.expect(verdict.difference.is_none() && reasons.is_empty() && checked.verified > 0, || {
+            [vec![verdict.text()], reasons].concat().join("; ")
         });
     }
     Ok((tracking, events))
