@@ -100,8 +100,18 @@ fn range(text: &str) -> Result<Range, String> {
         return Err(format!("{}; COUNT is 1 to {MOST_VALUES}", expected()));
     }
     let step = (to - from) / count.saturating_sub(1).max(1) as f64;
-    let values = (0..count).map(|n| if n + 1 == count && count > 1 { to } else { from + step * n as f64 });
+    let values = (0..count).map(|n| match n {
+        0 => from,
+        n if n + 1 == count => to,
+        n => readable(from + step * n as f64),
+    });
     Ok(Range { key: key.trim().into(), values: values.collect() })
+}
+
+/// A value between two that were typed, without the digits that binary arithmetic adds: 0.9 for
+/// 0.8999999999999999.
+fn readable(value: f64) -> f64 {
+    format!("{value:.11e}").parse().unwrap_or(value)
 }
 
 #[cfg(test)]
@@ -129,6 +139,7 @@ mod tests {
             assert!(assignment(wrong).is_err(), "{wrong:?} was taken");
         }
         assert_eq!(range("a=1:2:3").unwrap().values, [1.0, 1.5, 2.0]);
+        assert_eq!(range("a=0.3:1.2:4").unwrap().values, [0.3, 0.6, 0.9, 1.2]);
         assert_eq!(
             (range("a=4:9:1").unwrap().values, range("a=2:1:2").unwrap().values),
             (vec![4.0], vec![2.0, 1.0])
