@@ -2,6 +2,8 @@
 //!
 //! Whatever a person names may be a device without an end, a recording, or the wrong file.
 
+pub use csv::StringRecord;
+use csv::{ReaderBuilder, Trim};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Error, ErrorKind, Read, Result, stdin};
 use std::os::fd::AsFd;
@@ -46,6 +48,25 @@ pub fn open(path: &Path) -> Result<BufReader<File>> {
         let patience = WRITER_PATIENCE.as_secs();
         Err(Error::other(format!("a pipe to which nobody has written for {patience} s")))
     })
+}
+
+/// Rows of comma-separated values with the line on which each begins, from 1. Cells are trimmed; lines without
+/// text are passed over; rows may be of any length.
+pub fn rows(text: &str) -> impl Iterator<Item = (usize, StringRecord)> {
+    let reader =
+        ReaderBuilder::new().has_headers(false).flexible(true).trim(Trim::All).from_reader(text.as_bytes());
+    // Text in memory is read without fail.
+    reader.into_records().map_while(|row| row.ok()).filter(|row| row.iter().any(|cell| !cell.is_empty())).map(
+        |row| {
+            let line = row.position().map_or(1, |at| {
+                // The reader notes its place before it passes over empty lines.
+                let before =
+                    text.as_bytes()[at.byte() as usize..].iter().take_while(|b| matches!(b, b'\n' | b'\r'));
+                at.line() as usize + before.filter(|b| **b == b'\n').count()
+            });
+            (line, row)
+        },
+    )
 }
 
 /// A file's bytes.
@@ -170,6 +191,20 @@ pub fn other_format_in(text: &str, expected: &str) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn rows_are_counted_as_an_editor_counts_lines() {
+        for end in ["\n", "\r\n"] {
+            let lines = ["a, b", "", "c,\"d", "e\"", "  ", "", "f", ",", "g,h,i"].join(end);
+            let found: Vec<(usize, Vec<String>)> =
+                rows(&lines).map(|(line, row)| (line, row.iter().map(str::to_owned).collect())).collect();
+            let numbers: Vec<usize> = found.iter().map(|(line, _)| *line).collect();
+            assert_eq!(numbers, [1, 3, 7, 9], "{end:?} {found:?}");
+            assert_eq!(found[0].1, ["a", "b"]);
+            assert_eq!(found[1].1, ["c".to_owned(), format!("d{end}e")]);
+        }
+        assert_eq!(rows("").count() + rows("\n\r\n \n").count(), 0);
+    }
     use proptest::prelude::*;
 
     #[test]

@@ -25,13 +25,13 @@ pub mod side;
 pub mod spectrum;
 mod text;
 
-use crate::plot::{Format, bytes};
 use anyhow::Context;
 use comparison::Comparison;
 use ipc::logging::warn;
 use outputs::exit::DIFFERS;
 use outputs::progress::counter;
 use outputs::{Outputs, STDOUT, print};
+use plots::{Format, bytes};
 use settings::commands::DiffArgs;
 use side::Side;
 use std::path::Path;

@@ -4,12 +4,12 @@ mod field_view;
 mod time_line;
 
 use crate::matched;
-use crate::plot::{Format, bytes};
 use crate::residuals::rig_of;
 use anyhow::bail;
 use ipc::logging::{inform, warn};
 use outputs::Outputs;
 use outputs::exit::{LOSS, WrongUse};
+use plots::{Format, bytes};
 use recording::Recording;
 use settings::commands::InspectArgs;
 use std::ops::ControlFlow;

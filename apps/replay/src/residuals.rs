@@ -3,7 +3,6 @@
 mod chart;
 
 use crate::matched;
-use crate::plot::{Format, bytes};
 use anyhow::{Context, bail};
 use calibration::causes::{Judgement, judge};
 use diagnosis::{ResidualRow, ResidualTable};
@@ -11,6 +10,7 @@ use ipc::logging::{inform, warn};
 use outputs::exit::LOSS;
 use outputs::progress::files_bar;
 use outputs::{Outputs, println};
+use plots::{Format, bytes};
 use protocol::blobs::BlobField;
 use protocol::message::Message;
 use recording::{Item, Recording};

@@ -1,13 +1,13 @@
 //! `vitreo sweep`: recordings run again with a constant at several values, and what each value makes of
 //! the poses.
 
-use crate::line_plot::{Line, LinePlot};
-use crate::plot::{Format, bytes};
 use crate::what_if::outcome::Outcome;
 use crate::what_if::setting;
 use anyhow::Context;
 use outputs::progress::files_bar;
 use outputs::{Outputs, println};
+use plots::line_plot::{Line, LinePlot};
+use plots::{Format, bytes};
 use protocol::geometry::Validity;
 use protocol::limits::BODIES;
 use protocol::poses::{BODY_NAMES, BodyState, EYE, TrackerFrame};

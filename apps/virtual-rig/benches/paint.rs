@@ -1,61 +1,53 @@
-//! Share of one core that drawing the fields of the three cameras takes at 50 fields a second.
-//!
-//! `cargo bench -p virtual-rig --bench paint` prints one line for each case.
+//! What drawing a field of each of the three cameras costs: `cargo bench -p virtual-rig --bench paint`.
+//! 20 ms would be a whole core at 50 fields a second.
 
+use divan::{Bencher, black_box};
 use protocol::fields::FieldPicture;
 use rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
-use std::hint::black_box;
-use std::time::Instant;
 use surgeon::motion::MotionSource;
 use virtual_rig::painter::{Light, Painter, Patch};
 use virtual_rig::projection::Markers;
 
-/// Fields of each camera that are drawn for one measurement.
-const FIELDS: u64 = 100;
-/// Measurements; the median counts.
-const ROUNDS: usize = 11;
-
-/// Median share of a core, in percent.
-fn percent(mut draw: impl FnMut(u64)) -> f64 {
-    let mut times: Vec<f64> = (0..ROUNDS)
-        .map(|_| {
-            let begun = Instant::now();
-            (0..FIELDS).for_each(&mut draw);
-            begun.elapsed().as_secs_f64()
-        })
-        .collect();
-    times.sort_by(f64::total_cmp);
-    times[ROUNDS / 2] / FIELDS as f64 * 50.0 * 100.0
+fn main() {
+    divan::main();
 }
 
-fn main() {
+fn shipped() -> (Rig, Painter, FieldPicture) {
     let rig = Rig::load_or_shipped(None).expect("the shipped rig");
-    let scene = SceneFile::load(DEFAULT_SCENE).expect("the default scene");
-    let (cameras, markers) = (rig.cameras(), Markers::of(&rig));
-    let painter = Painter::new(rig.frame, 1);
-    let (mut picture, mut seen) = (FieldPicture::new(rig.frame), Markers::list());
-    let motion = MotionSource::new(&scene, &rig, None, 1).at(1_000_000_000);
-    let empty = percent(|number| {
+    let (painter, picture) = (Painter::new(rig.frame, 1), FieldPicture::new(rig.frame));
+    (rig, painter, picture)
+}
+
+#[divan::bench]
+fn background_and_noise(bencher: Bencher) {
+    let (rig, painter, mut picture) = shipped();
+    let (cameras, mut number) = (rig.cameras(), 0);
+    bencher.bench_local(|| {
+        number += 1;
         for camera in &cameras {
-            painter.draw(&[], camera.id, number, &mut picture);
+            painter.draw(&[], camera.id, number, black_box(&mut picture));
         }
-        black_box(&picture);
     });
-    println!("background and noise   {empty:5.2} % of a core");
-    for smear in [0.0, 0.9, 5.0] {
-        let whole = percent(|number| {
-            for camera in &cameras {
-                markers.project(camera, &motion, &mut seen);
-                let patches = seen.iter().map(|&image| {
-                    let mut patch = Patch::from(image);
-                    patch.smear_px.x = smear;
-                    patch
-                });
-                painter.paint(patches, &Light::default(), camera.id, number, &mut picture);
-            }
-            black_box(&picture);
-        });
-        println!("with markers, {smear:3.1} px of movement in the exposure   {whole:5.2} % of a core");
-    }
+}
+
+/// With all markers, by how far they move in the exposure, px.
+#[divan::bench(args = [0.0, 0.9, 5.0])]
+fn markers_smeared_px(bencher: Bencher, smear_px: f64) {
+    let (rig, painter, mut picture) = shipped();
+    let scene = SceneFile::load(DEFAULT_SCENE).expect("the default scene");
+    let (cameras, markers, mut number) = (rig.cameras(), Markers::of(&rig), 0);
+    let (mut seen, motion) = (Markers::list(), MotionSource::new(&scene, &rig, None, 1).at(1_000_000_000));
+    bencher.bench_local(|| {
+        number += 1;
+        for camera in &cameras {
+            markers.project(camera, &motion, &mut seen);
+            let patches = seen.iter().map(|&image| {
+                let mut patch = Patch::from(image);
+                patch.smear_px.x = smear_px;
+                patch
+            });
+            painter.paint(patches, &Light::default(), camera.id, number, black_box(&mut picture));
+        }
+    });
 }

@@ -109,13 +109,17 @@ pub fn plainly(problem: &io::Error) -> String {
     }
 }
 
-/// A text as a cell of comma-separated values after RFC 4180. What a spreadsheet would take for a
-/// formula gets an apostrophe before it.
-pub fn csv_cell(text: &str) -> Cow<'_, str> {
-    let guarded = match text.starts_with(['=', '+', '-', '@', '\t', '\r']) {
+/// A text for a cell of a table. What a spreadsheet would take for a formula gets an apostrophe before it.
+pub fn no_formula(text: &str) -> Cow<'_, str> {
+    match text.starts_with(['=', '+', '-', '@', '\t', '\r']) {
         true => Cow::Owned(format!("'{text}")),
         false => Cow::Borrowed(text),
-    };
+    }
+}
+
+/// A text as a cell of comma-separated values after RFC 4180, and no formula.
+pub fn csv_cell(text: &str) -> Cow<'_, str> {
+    let guarded = no_formula(text);
     match guarded.contains([',', '"', '\n', '\r']) {
         true => Cow::Owned(format!("\"{}\"", guarded.replace('"', "\"\""))),
         false => guarded,

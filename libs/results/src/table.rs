@@ -3,7 +3,7 @@
 
 use crate::attempt::{Attempt, Points, Stored};
 use crate::batch::Row;
-use outputs::csv_cell;
+use outputs::no_formula;
 use std::collections::HashMap;
 use std::io::{self, Write};
 
@@ -74,7 +74,7 @@ impl Cells {
             cell.as_ref().map_or_else(String::new, T::to_string)
         }
         match self {
-            Cells::Text(c) => c[row].as_deref().map_or_else(String::new, |t| csv_cell(t).into_owned()),
+            Cells::Text(c) => c[row].as_deref().map_or_else(String::new, |t| no_formula(t).into_owned()),
             Cells::Whole(c) => text(&c[row]),
             Cells::Natural(c) => text(&c[row]),
             Cells::Real(c) => text(&c[row]),
@@ -249,11 +249,10 @@ impl Table {
     /// # Errors
     /// If `out` refuses.
     pub fn write_csv(&self, out: &mut impl Write) -> io::Result<()> {
-        let names: Vec<&str> = self.columns.iter().map(|c| c.name.as_str()).collect();
-        writeln!(out, "{}", names.join(","))?;
+        let mut out = csv::Writer::from_writer(out);
+        out.write_record(self.columns.iter().map(|c| &c.name))?;
         for row in 0..self.rows {
-            let cells: Vec<String> = self.columns.iter().map(|c| c.cells.to_csv(row)).collect();
-            writeln!(out, "{}", cells.join(","))?;
+            out.write_record(self.columns.iter().map(|c| c.cells.to_csv(row)))?;
         }
         out.flush()
     }

@@ -10,8 +10,9 @@
 use collision::instrument_image::InstrumentImage;
 use collision::surface::Surface;
 use collision::zcoll::{Contacts, Zcoll};
-use font::{Face, line_px};
-use image::{Rgb, RgbImage};
+use plots::{Area, COLOURS, Drawn, FONT, Figure, Format, bytes};
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 use protocol::handles::Tool;
 use protocol::random::Random;
 use std::collections::BTreeSet;
@@ -185,42 +186,45 @@ fn misses() -> Vec<(usize, usize, usize)> {
     RESOLUTIONS.iter().zip(counts).map(|(r, (missed, all))| (*r, missed, all)).collect()
 }
 
-/// Size of letters, px.
-const LETTER: f32 = 14.0;
+/// Share of the meeting triangles that the image misses, a bar a resolution.
+struct Bars<'a>(&'a [(usize, usize, usize)]);
 
-/// Writes into a picture, centred on a column.
-fn write(picture: &mut RgbImage, face: &mut Face, text: &str, middle: u32, top: u32) {
-    let (left, width) = (middle as f32 - 0.5 * face.width_px(text, LETTER), picture.width());
-    face.write(picture, width, [left.max(0.0), top as f32], text, LETTER, [40; 3]);
+impl Figure for Bars<'_> {
+    fn size_px(&self) -> (u32, u32) {
+        (90 + 64 * self.0.len() as u32, 520)
+    }
+
+    fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> Drawn<B> {
+        let mut chart = ChartBuilder::on(area)
+            .caption("Meeting triangles that no pixel reports, %", (FONT, 16))
+            .margin(12)
+            .x_label_area_size(44)
+            .y_label_area_size(44)
+            .build_cartesian_2d((0..self.0.len().max(1) - 1).into_segmented(), 0.0..100.0)?;
+        let resolution = |at: &SegmentValue<usize>| match at {
+            SegmentValue::CenterOf(i) => self.0.get(*i).map_or(String::new(), |(r, ..)| r.to_string()),
+            _ => String::new(),
+        };
+        let mut mesh = chart.configure_mesh();
+        mesh.disable_x_mesh().light_line_style(WHITE).x_desc("Pixels along a side of the image, R");
+        mesh.x_labels(self.0.len()).x_label_formatter(&resolution);
+        mesh.y_label_formatter(&|share| format!("{share:.0}")).label_style((FONT, 14)).draw()?;
+        for (i, &(_, missed, all)) in self.0.iter().enumerate() {
+            let share = 100.0 * missed as f64 / all.max(1) as f64;
+            let corners = [(SegmentValue::Exact(i), 0.0), (SegmentValue::Exact(i + 1), share)];
+            let mut bar = Rectangle::new(corners, COLOURS[0].filled());
+            bar.set_margin(0, 0, 9, 9);
+            chart.draw_series([bar])?;
+            let number = format!("{share:.1}");
+            let style = (FONT, 14).into_text_style(area).pos(Pos::new(HPos::Center, VPos::Bottom));
+            chart.draw_series([Text::new(number, (SegmentValue::CenterOf(i), share), style)])?;
+        }
+        Ok(())
+    }
 }
 
-/// Bars of the missed share over the resolution, a line every tenth.
-fn plot(misses: &[(usize, usize, usize)], path: &str) -> image::ImageResult<()> {
-    let (bar, gap, height) = (44u32, 20u32, 400u32);
-    let (left, top) = (68u32, 56u32);
-    let width = left + gap + misses.len() as u32 * (bar + gap);
-    let (mut face, line) = (Face::new(), line_px(LETTER) as u32);
-    let mut picture = RgbImage::from_pixel(width, top + height + 68, Rgb([255; 3]));
-    for tenth in 0..=10 {
-        let y = top + height * tenth / 10;
-        let grey = if tenth == 10 { 40 } else { 215 };
-        (left..width).for_each(|x| picture.put_pixel(x, y, Rgb([grey; 3])));
-        write(&mut picture, &mut face, &format!("{} %", 100 - 10 * tenth), left / 2, y - line / 2);
-    }
-    for (i, &(resolution, missed, all)) in misses.iter().enumerate() {
-        let from = left + gap + i as u32 * (bar + gap);
-        let share = missed as f64 / all.max(1) as f64;
-        let above = top + height - (f64::from(height) * share).round() as u32;
-        for (x, y) in (from..from + bar).flat_map(|x| (above..top + height).map(move |y| (x, y))) {
-            picture.put_pixel(x, y, Rgb([40, 90, 160]));
-        }
-        let middle = from + bar / 2;
-        write(&mut picture, &mut face, &format!("{:.1}", 100.0 * share), middle, above - line - 2);
-        write(&mut picture, &mut face, &resolution.to_string(), middle, top + height + 10);
-    }
-    write(&mut picture, &mut face, "Meeting triangles that no pixel reports, %", width / 2, 4);
-    write(&mut picture, &mut face, "Pixels along a side of the image, R", width / 2, top + height + 40);
-    picture.save(path)
+fn plot(misses: &[(usize, usize, usize)], path: &str) -> anyhow::Result<()> {
+    Ok(std::fs::write(path, bytes(&Bars(misses), Format::Png)?)?)
 }
 
 fn main() -> ExitCode {

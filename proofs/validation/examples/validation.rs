@@ -9,7 +9,7 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use validation::closed_form::case::{ALL, Case, Depth, Outcome};
-use validation::closed_form::plot;
+use validation::closed_form::plot::CasePlot;
 
 fn main() -> ExitCode {
     let mut arguments = std::env::args().skip(1);
@@ -28,7 +28,9 @@ fn main() -> ExitCode {
         let outcome = (case.run)(&reference, Depth::Full);
         wrong += print_case(case, &outcome);
         let path = folder.join(case.name).with_extension("png");
-        plot::draw(case.title, &outcome).save(&path).expect("a picture is written");
+        let picture = CasePlot { title: case.title, outcome: &outcome };
+        let picture = plots::bytes(&picture, plots::Format::Png).expect("finite figures are drawn");
+        std::fs::write(&path, picture).expect("a picture is written");
         eprintln!("{} ({:.1} s)", path.display(), begin.elapsed().as_secs_f64());
     }
     if wrong > 0 {

@@ -6,7 +6,7 @@ mod target;
 use crate::lens::{LENS, LENS_NAMES};
 use crate::multi_camera::Progress;
 use crate::report::Report;
-use crate::residual_plot::residual_picture;
+use crate::residual_plot::ResidualPicture;
 use crate::target_problem::{Residual, Robustness};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use ipc::logging::{LogArgs, inform};
@@ -176,10 +176,8 @@ impl OutputArgs {
             for (index, camera) in cameras.iter().enumerate() {
                 let own: Vec<Residual> = residuals.iter().filter(|r| r.camera == index).copied().collect();
                 let path = folder.join(format!("residuals_cam{}.png", camera.id));
-                let picture = residual_picture(camera.size_px, &own);
-                let mut png = std::io::Cursor::new(Vec::new());
-                picture.write_to(&mut png, image::ImageFormat::Png)?;
-                Outputs::new(true).write(&path, png.into_inner())?;
+                let picture = ResidualPicture { size_px: camera.size_px, residuals: &own };
+                Outputs::new(true).write(&path, plots::bytes(&picture, plots::Format::Png)?)?;
                 inform(&format!("{}: {} residuals", path.display(), own.len()));
             }
         }

@@ -12,7 +12,7 @@
 use crate::target_problem::Correspondence;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use nalgebra::{Point3, Vector2};
-use protocol::file::{MAX_TABLE_BYTES, read_bytes};
+use protocol::file::{MAX_TABLE_BYTES, StringRecord, read_bytes, rows};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -169,11 +169,10 @@ fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
 }
 
 fn csv(text: &str, file: &str) -> Result<Vec<Row>> {
-    let mut rest = lines(text);
+    let mut rest = rows(text).filter(|(_, row)| !row[0].starts_with('#'));
     let header = rest.next();
-    let (at, header) = header.with_context(|| format!("point list {file}: expected points, found none"))?;
-    let names: Vec<&str> = header.split(',').map(str::trim).collect();
-    let column = |key: &str| names.iter().position(|n| *n == key);
+    let (at, names) = header.with_context(|| format!("point list {file}: expected points, found none"))?;
+    let column = |key: &str| names.iter().position(|n| n == key);
     let mut order = [0; 5];
     for (slot, key) in order.iter_mut().zip(KEYS) {
         *slot = column(key).with_context(|| {
@@ -183,13 +182,12 @@ fn csv(text: &str, file: &str) -> Result<Vec<Row>> {
         })?;
     }
     let view = column("view");
-    let row = |(line, text): (usize, &str)| {
+    let row = |(line, cells): (usize, StringRecord)| {
         let place = format!("{file}, line {line}");
-        let fields: Vec<&str> = text.split(',').collect();
-        let (expected, found) = (names.len(), fields.len());
+        let (expected, found) = (names.len(), cells.len());
         ensure!(found == expected, "point list {place}: expected {expected} fields, found {found}");
-        let numbers = numbers(order.map(|at| fields[at]), KEYS, &place)?;
-        Ok(Row { view: view.map_or("", |v| fields[v].trim()).into(), numbers })
+        let numbers = numbers(order.map(|at| &cells[at]), KEYS, &place)?;
+        Ok(Row { view: view.map_or("", |v| &cells[v]).into(), numbers })
     };
     rest.map(row).collect()
 }

@@ -3,7 +3,7 @@
 
 use anyhow::{Context, Result, anyhow, ensure};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use protocol::file::{MAX_TABLE_BYTES, read_bytes};
+use protocol::file::{MAX_TABLE_BYTES, read_bytes, rows};
 use protocol::limits::BODIES;
 use protocol::poses::BODY_NAMES;
 use std::collections::BTreeMap;
@@ -30,12 +30,11 @@ pub fn load(path: &Path) -> Result<Vec<Poses>> {
 /// # Errors
 /// A header without one of the columns, or a line that does not hold a pose.
 pub fn parse(text: &str, file: &str) -> Result<Vec<Poses>> {
-    let mut lines = text.lines().enumerate().map(|(i, l)| (i + 1, l.trim())).filter(|(_, l)| !l.is_empty());
+    let mut lines = rows(text);
     let header = lines.next();
-    let (at, header) =
+    let (at, names) =
         header.with_context(|| format!("poses {file}, line 1: expected a header, found nothing"))?;
-    let names: Vec<&str> = header.split(',').map(str::trim).collect();
-    let column = |name: &str| names.iter().position(|n| *n == name);
+    let column = |name: &str| names.iter().position(|n| n == name);
     let mut columns = [0; COLUMNS.len()];
     for (slot, name) in columns.iter_mut().zip(COLUMNS) {
         *slot = column(name).with_context(|| format!("poses {file}, line {at}: expected a column {name}"))?;
@@ -44,11 +43,10 @@ pub fn parse(text: &str, file: &str) -> Result<Vec<Poses>> {
     let mut instants: BTreeMap<u64, Poses> = BTreeMap::new();
     for (line, row) in lines {
         let place = format!("poses {file}, line {line}");
-        let fields: Vec<&str> = row.split(',').map(str::trim).collect();
-        let (expected, found) = (names.len(), fields.len());
+        let (expected, found) = (names.len(), row.len());
         ensure!(found == expected, "{place}: expected {expected} fields, found {found}");
-        let [pose @ .., t_ns, body, valid] = columns.map(|i| fields[i]);
-        if valid == "0" || kind.is_some_and(|k| !matches!(fields[k], "meas" | "")) {
+        let [pose @ .., t_ns, body, valid] = columns.map(|i| &row[i]);
+        if valid == "0" || kind.is_some_and(|k| !matches!(&row[k], "meas" | "")) {
             continue;
         }
         let index = BODY_NAMES.iter().position(|b| *b == body);

@@ -2,138 +2,121 @@
 
 use crate::median;
 use crate::target_problem::Residual;
-use image::{Rgb, RgbImage};
 use nalgebra::Vector2;
+use plots::{Area, COLOURS, Drawn, FONT, Figure};
+use plotters::coord::types::RangedCoordf64;
+use plotters::prelude::*;
 
-/// Colours: ground, sensor's frame, grid, vectors and their ends.
-const GROUND: Rgb<u8> = Rgb([255, 255, 255]);
-const FRAME: Rgb<u8> = Rgb([90, 90, 90]);
-const GRID: Rgb<u8> = Rgb([228, 228, 228]);
-const VECTOR: Rgb<u8> = Rgb([200, 40, 30]);
-const POINT: Rgb<u8> = Rgb([30, 60, 160]);
+/// Vectors, and the points where they begin.
+const VECTOR: RGBColor = COLOURS[1];
+const POINT: RGBColor = COLOURS[0];
 /// Height of the strip with the bar, px.
-const STRIP: u32 = 28;
+const STRIP_PX: u32 = 28;
 /// Width of the picture of a sensor, px.
-const WIDTH: f64 = 720.0;
+const WIDTH_PX: u32 = 720;
 /// A vector of median length is drawn this long, px.
-const TYPICAL: f64 = 14.0;
+const TYPICAL_PX: f64 = 14.0;
 
-/// Draws the residuals of one camera. Vectors lead from where a point was seen to where it should
-/// have been, `scale`-fold enlarged; the bar below tells the scale.
-pub fn residual_picture(size_px: [u32; 2], residuals: &[Residual]) -> RgbImage {
-    let [w, h] = size_px.map(|n| f64::from(n.max(1)));
-    let shrink = WIDTH / w;
-    let (width, height) = (WIDTH as u32, (h * shrink) as u32);
-    let mut picture = RgbImage::from_pixel(width, height + STRIP, GROUND);
-    for tenth in 1..10 {
-        let (x, y) = (f64::from(width * tenth) / 10.0, f64::from(height * tenth) / 10.0);
-        line(&mut picture, [Vector2::new(x, 0.0), Vector2::new(x, f64::from(height))], GRID);
-        line(&mut picture, [Vector2::new(0.0, y), Vector2::new(f64::from(width), y)], GRID);
-    }
-    let enlarge = enlargement(residuals);
-    for r in residuals {
-        let from = r.pixel * shrink;
-        // Computed less seen: towards where it should have been.
-        line(&mut picture, [from, from - r.error * enlarge], VECTOR);
-    }
-    for r in residuals {
-        let at = r.pixel * shrink;
-        for (dx, dy) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
-            dot(&mut picture, at + Vector2::new(dx - 0.5, dy - 0.5), POINT);
-        }
-    }
-    let corners = [(0, 0), (width - 1, 0), (width - 1, height - 1), (0, height - 1)];
-    let corners = corners.map(|(x, y)| Vector2::new(f64::from(x), f64::from(y)));
-    (0..4).for_each(|i| line(&mut picture, [corners[i], corners[(i + 1) % 4]], FRAME));
-    scale_bar(&mut picture, height, enlarge);
-    picture
+/// The residuals of one camera. Vectors lead from where a point was seen to where it should have been, enlarged;
+/// the bar below gives their scale.
+pub struct ResidualPicture<'a> {
+    /// Of the camera, px.
+    pub size_px: [u32; 2],
+    /// Those that are drawn.
+    pub residuals: &'a [Residual],
 }
 
-/// Picture pixels per px of residual: the median length becomes [`TYPICAL`].
-fn enlargement(residuals: &[Residual]) -> f64 {
-    let median = median(residuals.iter().map(|r| r.error.norm())).unwrap_or(1.0);
-    TYPICAL / median.clamp(1e-9, 1e6)
+impl ResidualPicture<'_> {
+    /// Picture pixels per pixel of the sensor.
+    fn shrink(&self) -> f64 {
+        f64::from(WIDTH_PX) / f64::from(self.size_px[0].max(1))
+    }
+
+    /// Height of the sensor's picture, px.
+    fn height_px(&self) -> u32 {
+        // A file may claim any size; a picture is at most ten times as high as wide.
+        ((f64::from(self.size_px[1]) * self.shrink()) as u32).clamp(1, 10 * WIDTH_PX)
+    }
+
+    /// Picture pixels per px of residual: the median length becomes [`TYPICAL_PX`].
+    fn enlargement(&self) -> f64 {
+        let median = median(self.residuals.iter().map(|r| r.error.norm())).unwrap_or(1.0);
+        TYPICAL_PX / median.clamp(1e-9, 1e6)
+    }
+}
+
+impl Figure for ResidualPicture<'_> {
+    fn size_px(&self) -> (u32, u32) {
+        (WIDTH_PX, self.height_px() + STRIP_PX)
+    }
+
+    fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> Drawn<B> {
+        let (sensor, strip) = area.split_vertically(self.height_px());
+        let [width, height] = [WIDTH_PX, self.height_px()].map(f64::from);
+        let place = Cartesian2d::<RangedCoordf64, RangedCoordf64>::new(
+            0.0..width,
+            0.0..height,
+            (0..WIDTH_PX as i32, 0..self.height_px() as i32),
+        );
+        let grid = RGBColor(228, 228, 228);
+        let sensor = sensor.apply_coord_spec(place);
+        for tenth in (1..10).map(|n| f64::from(n) / 10.0) {
+            let [x, y] = [width * tenth, height * tenth];
+            sensor.draw(&PathElement::new(vec![(x, 0.0), (x, height)], grid))?;
+            sensor.draw(&PathElement::new(vec![(0.0, y), (width, y)], grid))?;
+        }
+        // An outlier's vector may be long; nothing far outside of the picture need be drawn.
+        let inside = |p: Vector2<f64>| (p.x.clamp(-width, 2.0 * width), p.y.clamp(-height, 2.0 * height));
+        let enlarge = self.enlargement();
+        for r in self.residuals.iter().filter(|r| r.pixel.iter().chain(&r.error).all(|v| v.is_finite())) {
+            let from = r.pixel * self.shrink();
+            // Computed less seen: towards where it should have been.
+            let ends = vec![inside(from), inside(from - r.error * enlarge)];
+            sensor.draw(&PathElement::new(ends, VECTOR))?;
+            sensor.draw(&Circle::new(inside(from), 2, POINT.filled()))?;
+        }
+        sensor.draw(&Rectangle::new([(0.0, 0.0), (width - 1.0, height - 1.0)], BLACK))?;
+        draw_scale(&strip, enlarge)
+    }
 }
 
 /// The longest of 1, 2, 5·10ⁿ px that fits into 150 px, with its length written beside it.
-fn scale_bar(picture: &mut RgbImage, top: u32, enlarge: f64) {
+fn draw_scale<B: DrawingBackend>(strip: &Area<B>, enlarge: f64) -> Drawn<B> {
     let limit = 150.0 / enlarge;
     let ten = 10f64.powf(limit.log10().floor());
     let length = [5.0, 2.0, 1.0].into_iter().map(|n| n * ten).find(|l| *l <= limit).unwrap_or(ten);
-    let (x, y) = (12.0, f64::from(top) + f64::from(STRIP) / 2.0);
-    let end = x + length * enlarge;
-    line(picture, [Vector2::new(x, y), Vector2::new(end, y)], VECTOR);
-    for at in [x, end] {
-        line(picture, [Vector2::new(at, y - 4.0), Vector2::new(at, y + 4.0)], VECTOR);
+    let (x, y) = (12, STRIP_PX as i32 / 2);
+    let end = x + (length * enlarge).round() as i32;
+    for ends in [[(x, y), (end, y)], [(x, y - 4), (x, y + 4)], [(end, y - 4), (end, y + 4)]] {
+        strip.draw(&PathElement::new(ends.to_vec(), VECTOR))?;
     }
     let digits = (-length.log10().floor()).max(0.0) as usize;
-    write(picture, end + 10.0, y - 7.0, &format!("{length:.digits$} px"));
-}
-
-fn dot(picture: &mut RgbImage, at: Vector2<f64>, colour: Rgb<u8>) {
-    let inside = |v: f64, n: u32| v >= 0.0 && v < f64::from(n);
-    if inside(at.x, picture.width()) && inside(at.y, picture.height()) {
-        picture.put_pixel(at.x as u32, at.y as u32, colour);
-    }
-}
-
-fn line(picture: &mut RgbImage, [from, to]: [Vector2<f64>; 2], colour: Rgb<u8>) {
-    // An outlier's vector may be long; nothing outside of the picture need be drawn.
-    let steps = (to - from).amax().clamp(1.0, 4000.0).ceil() as usize;
-    for i in 0..=steps {
-        dot(picture, from + (to - from) * (i as f64 / steps as f64), colour);
-    }
-}
-
-/// Glyphs of 3×5, a row an octal digit from the top; no font is needed for a number.
-const GLYPHS: [(char, u32); 13] = [
-    ('0', 0o75557),
-    ('1', 0o26227),
-    ('2', 0o71747),
-    ('3', 0o71717),
-    ('4', 0o55711),
-    ('5', 0o74717),
-    ('6', 0o74757),
-    ('7', 0o71122),
-    ('8', 0o75757),
-    ('9', 0o75717),
-    ('.', 0o00002),
-    ('p', 0o07574),
-    ('x', 0o05225),
-];
-/// Size of a glyph's cell on the picture, px.
-const CELL: u32 = 3;
-
-fn write(picture: &mut RgbImage, x: f64, y: f64, text: &str) {
-    for (i, c) in text.chars().enumerate() {
-        let Some((_, rows)) = GLYPHS.iter().find(|g| g.0 == c) else { continue };
-        for bit in (0..15).filter(|b| rows >> (14 - b) & 1 == 1) {
-            let (column, row) = (bit % 3, bit / 3);
-            let left = x + f64::from(CELL * (4 * i as u32 + column));
-            for cell in 0..CELL * CELL {
-                let at = Vector2::new(left + f64::from(cell % CELL), y + f64::from(CELL * row + cell / CELL));
-                dot(picture, at, FRAME);
-            }
-        }
-    }
+    strip.draw(&Text::new(format!("{length:.digits$} px"), (end + 10, y - 7), (FONT, 14)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use plots::{Format, bytes};
 
     fn residual(x: f64, y: f64, ex: f64) -> Residual {
         Residual { camera: 0, sheet: 0, pixel: Vector2::new(x, y), error: Vector2::new(ex, 0.0) }
     }
 
+    fn drawn(size_px: [u32; 2], residuals: &[Residual]) -> image::RgbImage {
+        let png = bytes(&ResidualPicture { size_px, residuals }, Format::Png).unwrap();
+        image::load_from_memory(&png).unwrap().to_rgb8()
+    }
+
     #[test]
     fn vectors_lead_from_the_seen_to_the_computed_point() {
-        let picture =
-            residual_picture([720, 576], &[residual(300.0, 200.0, 0.1), residual(100.0, 400.0, 0.1)]);
-        assert_eq!((picture.width(), picture.height()), (720, 576 + STRIP));
-        assert_eq!(*picture.get_pixel(290, 200), VECTOR, "seen right of where it should be");
-        assert_ne!(*picture.get_pixel(310, 200), VECTOR);
-        let bar = (0..720).filter(|&x| *picture.get_pixel(x, 576 + STRIP / 2) == VECTOR).count();
+        let picture = drawn([720, 576], &[residual(300.0, 200.0, 0.1), residual(100.0, 400.0, 0.1)]);
+        assert_eq!(picture.dimensions(), (720, 576 + STRIP_PX));
+        let vector = [VECTOR.0, VECTOR.1, VECTOR.2];
+        let is_vector = |x: u32, y: u32| picture.get_pixel(x, y).0 == vector;
+        assert!(is_vector(290, 200), "seen right of where it should be");
+        assert!(!is_vector(310, 200));
+        let bar = (0..720).filter(|&x| is_vector(x, 576 + STRIP_PX / 2)).count();
         // 14 px stand for 0.1 px: the bar of 1 px is 140 px long.
         assert!((bar as i64 - 141).abs() <= 2, "{bar}");
     }
@@ -143,7 +126,8 @@ mod tests {
         let odd =
             [residual(-5.0, 1e9, 1e12), residual(f64::NAN, 0.0, f64::INFINITY), residual(0.0, 0.0, 0.0)];
         for n in 0..=odd.len() {
-            assert!(residual_picture([640, 480], &odd[..n]).width() > 0);
+            assert!(drawn([640, 480], &odd[..n]).width() > 0);
         }
+        assert_eq!(drawn([1, 4_000_000], &odd).height(), 10 * WIDTH_PX + STRIP_PX);
     }
 }

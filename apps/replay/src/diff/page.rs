@@ -3,8 +3,8 @@
 use super::comparison::Comparison;
 use super::poses::{both_measured, displacement_um};
 use super::text::text;
-use crate::line_plot::{Line, LinePlot};
-use crate::plot::{Format, bytes};
+use plots::line_plot::{Line, LinePlot};
+use plots::{Format, bytes};
 use protocol::poses::BODY_NAMES;
 use std::fmt::Write;
 

@@ -2,7 +2,7 @@
 //! to, predictions, residuals, and what was not used and why.
 
 use crate::matched::Matched;
-use crate::plot::{Area, COLOURS, Drawn, FONT, Figure};
+use plots::{Area, COLOURS, Drawn, FONT, Figure};
 use plotters::prelude::*;
 use protocol::blobs::{Blob, BlobField};
 use protocol::matches::{BlobUse, MatchedBlob, MatchedField};

@@ -1,6 +1,6 @@
 //! Residuals, NIS and status of a recording over time.
 
-use crate::plot::{Area, COLOURS, Drawn, FONT, Figure};
+use plots::{Area, COLOURS, Drawn, FONT, Figure};
 use plotters::prelude::*;
 use protocol::geometry::Validity;
 use protocol::limits::{BODIES, MAX_CAMERAS};
@@ -248,7 +248,7 @@ mod tests {
         let runs = line.runs(1);
         assert_eq!(runs.len(), 3);
         assert!((runs[1].1 - 0.8).abs() < 1e-9 && (runs[1].2 - 1.2).abs() < 1e-9, "{runs:?}");
-        let png = crate::plot::bytes(&line, crate::plot::Format::Png).unwrap();
+        let png = plots::bytes(&line, plots::Format::Png).unwrap();
         let picture = image::load_from_memory(&png).unwrap().to_rgb8();
         let of = |c: RGBColor| picture.pixels().filter(|p| p.0 == [c.0, c.1, c.2]).count();
         // The other two are lost all the time.

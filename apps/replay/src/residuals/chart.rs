@@ -1,8 +1,8 @@
 //! The picture of residuals, a row a camera: mean and RMS of every marker, and mean residuals by their place
 //! in the frame, which show lenses and parity.
 
-use crate::plot::{Area, COLOURS, Drawn, FONT, Figure};
 use diagnosis::ResidualRow;
+use plots::{Area, COLOURS, Drawn, FONT, Figure};
 use plotters::prelude::*;
 use protocol::limits::MAX_CAMERAS;
 use protocol::matches::MatchFrame;

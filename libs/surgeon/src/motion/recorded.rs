@@ -2,7 +2,7 @@
 //! in a mirrored loop so that their end joins their beginning without a jump.
 
 use nalgebra::Vector3;
-use protocol::file::{MAX_TABLE_BYTES, read_bytes};
+use protocol::file::{MAX_TABLE_BYTES, read_bytes, rows};
 use std::f64::consts::TAU;
 use std::path::Path;
 
@@ -77,9 +77,10 @@ impl RecordedMotion {
     pub fn parse(text: &str, file: &str) -> Result<Self, RecordedMotionError> {
         let mut samples = Vec::new();
         let mut previous = None;
-        for (i, line) in text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty()) {
-            let (number, position) = parse_line(line, previous).map_err(|(expected, found)| {
-                RecordedMotionError::Line { file: file.into(), line: i + 1, expected, found }
+        for (line, row) in rows(text) {
+            let cells: Vec<&str> = row.iter().collect();
+            let (number, position) = parse_row(&cells, previous).map_err(|(expected, found)| {
+                RecordedMotionError::Line { file: file.into(), line, expected, found }
             })?;
             previous = Some(number);
             samples.push(position);
@@ -135,16 +136,15 @@ impl RecordedMotion {
     }
 }
 
-/// One line as sample number and position, or what was expected and found.
-fn parse_line(line: &str, previous: Option<f64>) -> Result<(f64, Vector3<f64>), (String, String)> {
+/// One row as sample number and position, or what was expected and found.
+fn parse_row(row: &[&str], previous: Option<f64>) -> Result<(f64, Vector3<f64>), (String, String)> {
     const NAMES: [&str; 5] = ["sample number", "x", "y", "z", "grip force"];
-    let found = line.split(',').count();
-    if found != NAMES.len() {
-        return Err(("5 columns sample,x,y,z,grip".into(), format!("{found}")));
+    if row.len() != NAMES.len() {
+        return Err(("5 columns sample,x,y,z,grip".into(), format!("{}", row.len())));
     }
     let mut numbers = [0.0; 5];
-    for ((text, name), number) in line.split(',').zip(NAMES).zip(&mut numbers) {
-        let parsed = text.trim().parse::<f64>().ok().filter(|v| v.is_finite());
+    for ((text, name), number) in row.iter().zip(NAMES).zip(&mut numbers) {
+        let parsed = text.parse::<f64>().ok().filter(|v| v.is_finite());
         *number = parsed.ok_or_else(|| (format!("a finite number for {name}"), format!("{text:?}")))?;
     }
     let [sample, x, y, z, _] = numbers;
@@ -152,7 +152,7 @@ fn parse_line(line: &str, previous: Option<f64>) -> Result<(f64, Vector3<f64>), 
         return Err((format!("sample number {}", previous + 1.0), sample.to_string()));
     }
     if [x, y, z].iter().any(|c| c.abs() > MAX_MM) {
-        return Err((format!("positions within {MAX_MM} mm"), line.trim().into()));
+        return Err((format!("positions within {MAX_MM} mm"), format!("{x}, {y}, {z}")));
     }
     Ok((sample, Vector3::new(x, y, z)))
 }

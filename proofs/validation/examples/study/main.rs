@@ -150,7 +150,8 @@ fn main() -> Result<()> {
     print!("{}\n{}", part1.table(), part1.details(options.verbose));
     if let Some(file) = &options.page {
         let part2 = hands::study(options.threads)?;
-        picture::draw(&outcomes, &options.surgeons).save(file.with_extension("png"))?;
+        let picture = picture::StudyPlot { outcomes: &outcomes, surgeons: &options.surgeons };
+        std::fs::write(file.with_extension("png"), plots::bytes(&picture, plots::Format::Png)?)?;
         std::fs::write(file, page::page(&part1, options.level, &part2))
             .with_context(|| format!("cannot write {}", file.display()))?;
     }

@@ -1,224 +1,147 @@
-//! Draws a case: the solution on the left, errors over resolutions on the right. Drawn at twice the
-//! size and halved, so that lines are smooth.
+//! Draws a case: the solution on the left, errors over resolutions on the right.
 
 use super::case::{Chart, Curve, Outcome};
-use font::{Face, line_px};
-use image::RgbImage;
-use image::imageops::{FilterType, resize};
+use plots::{Area, COLOURS, Drawn, FONT, Figure};
+use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
+use plotters::prelude::*;
+use std::ops::Range;
 
 /// Size of a picture, px.
-const SIZE: [u32; 2] = [1120, 440];
-/// Factor by which it is drawn larger.
-const SCALE: usize = 2;
-/// Size of letters while drawing, px.
-const LETTER: f32 = 26.0;
-const INK: [u8; 3] = [40, 40, 40];
-const GREY: [u8; 3] = [225, 225, 225];
-/// Told apart by people who do not see all colours (Okabe and Ito).
-const COLOURS: [[u8; 3]; 7] = [
-    [0, 114, 178],
-    [213, 94, 0],
-    [0, 158, 115],
-    [204, 121, 167],
-    [230, 159, 0],
-    [86, 180, 233],
-    [90, 90, 90],
-];
-
-/// A picture that grows under the pen.
-struct Canvas {
-    image: RgbImage,
-    face: Face,
-}
-
-/// Where a chart lies: left, top, right and bottom, px while drawing.
-type Frame = [f64; 4];
+const SIZE_PX: (u32, u32) = (1120, 440);
+/// Size of letters, px.
+const LETTER_PX: i32 = 13;
 
 /// The picture of a case.
-pub fn draw(title: &str, outcome: &Outcome) -> RgbImage {
-    let [w, h] = SIZE.map(|s| s * SCALE as u32);
-    let mut canvas = Canvas { image: RgbImage::from_pixel(w, h, image::Rgb([255; 3])), face: Face::new() };
-    canvas.text(title, [w as f64 * 0.5, 16.0], 0.5, INK);
-    let (top, bottom) = (96.0, f64::from(h) - 100.0);
-    let half = f64::from(w) * 0.5;
-    canvas.chart(&outcome.solution, [150.0, top, half - 40.0, bottom]);
-    canvas.chart(&outcome.refinement, [half + 150.0, top, f64::from(w) - 40.0, bottom]);
-    resize(&canvas.image, SIZE[0], SIZE[1], FilterType::Triangle)
+pub struct CasePlot<'a> {
+    /// Above it.
+    pub title: &'a str,
+    /// What is drawn.
+    pub outcome: &'a Outcome,
 }
 
-impl Canvas {
-    fn dot(&mut self, x: i64, y: i64, colour: [u8; 3]) {
-        if let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y))
-            && x < self.image.width()
-            && y < self.image.height()
-        {
-            self.image.put_pixel(x, y, image::Rgb(colour));
-        }
+impl Figure for CasePlot<'_> {
+    fn size_px(&self) -> (u32, u32) {
+        SIZE_PX
     }
 
-    fn disc(&mut self, [x, y]: [f64; 2], radius: f64, colour: [u8; 3]) {
-        let reach = radius.ceil() as i64;
-        for (i, j) in (-reach..=reach).flat_map(|i| (-reach..=reach).map(move |j| (i, j))) {
-            if ((i * i + j * j) as f64) <= radius * radius {
-                self.dot(x as i64 + i, y as i64 + j, colour);
-            }
-        }
+    fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> Drawn<B> {
+        let below = area.titled(self.title, (FONT, 17))?;
+        let (left, right) = below.split_horizontally(SIZE_PX.0 / 2);
+        draw_chart(&left, &self.outcome.solution)?;
+        draw_chart(&right, &self.outcome.refinement)
     }
+}
 
-    fn line(&mut self, [x0, y0]: [f64; 2], [x1, y1]: [f64; 2], width: f64, colour: [u8; 3]) {
-        let steps = (x1 - x0).abs().max((y1 - y0).abs()).ceil().max(1.0);
-        for i in 0..=steps as usize {
-            let s = i as f64 / steps;
-            self.disc([x0 + s * (x1 - x0), y0 + s * (y1 - y0)], 0.5 * width, colour);
-        }
+fn draw_chart<B: DrawingBackend>(area: &Area<B>, chart: &Chart) -> Drawn<B> {
+    let Some([across, up]) = ranges(chart) else { return Ok(()) };
+    if chart.logarithmic {
+        let [across, up] = [across, up].map(|range| range.log_scale());
+        draw_curves(area, chart, across, up, &|value| format!("{value}"))
+    } else {
+        draw_curves(area, chart, across, up, &|value| short(*value))
     }
+}
 
-    /// Text whose share `anchor` of its width lies left of `at`; `at` is its top.
-    fn text(&mut self, text: &str, at: [f64; 2], anchor: f64, colour: [u8; 3]) {
-        let left = at[0] as f32 - anchor as f32 * self.face.width_px(text, LETTER);
-        let width = self.image.width();
-        self.face.write(&mut self.image, width, [left, at[1] as f32], text, LETTER, colour);
-    }
-
-    fn chart(&mut self, chart: &Chart, frame: Frame) {
-        let Some(scale) = Scale::around(chart, frame) else { return };
-        let [left, top, right, bottom] = frame;
-        for tick in scale.ticks(0) {
-            let [x, _] = scale.place([tick, scale.low[1]], true);
-            self.line([x, top], [x, bottom], 1.0, GREY);
-            self.text(&scale.name(tick), [x, bottom + 12.0], 0.5, INK);
-        }
-        for tick in scale.ticks(1) {
-            let [_, y] = scale.place([scale.low[0], tick], true);
-            self.line([left, y], [right, y], 1.0, GREY);
-            self.text(&scale.name(tick), [left - 10.0, y - 0.5 * f64::from(line_px(LETTER))], 1.0, INK);
-        }
-        for (a, b) in [([left, top], [left, bottom]), ([left, bottom], [right, bottom])] {
-            self.line(a, b, 2.0, INK);
-        }
-        self.text(&chart.across, [0.5 * (left + right), bottom + 52.0], 0.5, INK);
-        self.text(&chart.up, [left - 60.0, top - 34.0], 0.0, INK);
-        for (i, curve) in chart.curves.iter().enumerate() {
-            self.curve(curve, &scale, COLOURS[i % COLOURS.len()], chart.logarithmic);
-        }
-        self.legend(chart, frame);
-    }
-
-    fn curve(&mut self, curve: &Curve, scale: &Scale, colour: [u8; 3], both: bool) {
-        let usable = curve.points.iter().filter(|p| !scale.logarithmic || (p[0] > 0.0 && p[1] > 0.0));
-        let places: Vec<[f64; 2]> = usable.map(|&p| scale.place(p, false)).collect();
-        if curve.marks || both {
-            places.iter().for_each(|&p| self.disc(p, 7.0, colour));
-        }
-        if !curve.marks {
-            places.windows(2).for_each(|w| self.line(w[0], w[1], 4.0, colour));
-        }
-    }
-
-    /// In the corner that holds the fewest points.
-    fn legend(&mut self, chart: &Chart, [left, top, right, bottom]: Frame) {
-        let names = chart.curves.iter().map(|c| self.face.width_px(&c.name, LETTER));
-        let longest = f64::from(names.fold(0.0, f32::max));
-        let (line, wide) = (f64::from(line_px(LETTER)), longest + 56.0);
-        let high = line * chart.curves.len() as f64;
-        let Some(scale) = Scale::around(chart, [left, top, right, bottom]) else { return };
-        let inside = |corner: &[f64; 2]| {
-            let near = |p: &&[f64; 2]| {
-                let [x, y] = scale.place(**p, false);
-                (corner[0]..corner[0] + wide).contains(&x) && (corner[1]..corner[1] + high).contains(&y)
-            };
-            chart.curves.iter().flat_map(|c| &c.points).filter(near).count()
+fn draw_curves<B, X, Y>(
+    area: &Area<B>,
+    chart: &Chart,
+    across: X,
+    up: Y,
+    number: &dyn Fn(&f64) -> String,
+) -> Drawn<B>
+where
+    B: DrawingBackend,
+    X: AsRangedCoord<Value = f64>,
+    Y: AsRangedCoord<Value = f64>,
+    X::CoordDescType: ValueFormatter<f64> + Ranged<ValueType = f64>,
+    Y::CoordDescType: ValueFormatter<f64> + Ranged<ValueType = f64>,
+{
+    let mut drawn = ChartBuilder::on(area)
+        .margin(12)
+        .x_label_area_size(44)
+        .y_label_area_size(74)
+        .build_cartesian_2d(across, up)?;
+    let mut mesh = drawn.configure_mesh();
+    mesh.light_line_style(WHITE).x_desc(&chart.across).y_desc(&chart.up).x_labels(7).y_labels(7);
+    mesh.x_label_formatter(&number).y_label_formatter(&number).label_style((FONT, LETTER_PX)).draw()?;
+    for (curve, colour) in chart.curves.iter().zip(COLOURS.into_iter().cycle()) {
+        let points: Vec<(f64, f64)> = usable(chart, curve).map(|[x, y]| (x, y)).collect();
+        let (marks, line) = (curve.marks || chart.logarithmic, !curve.marks);
+        let in_legend = move |(x, y)| {
+            let middle = (x + 9, y);
+            let stroke = colour.stroke_width(if line { 2 } else { 0 });
+            let path = PathElement::new(vec![(x, y), (x + 18, y)], stroke);
+            EmptyElement::at((0, 0)) + path + Circle::new(middle, if marks { 4 } else { 0 }, colour.filled())
         };
-        let (far, low) = (right - wide - 10.0, bottom - high - 14.0);
-        let corners = [[far, low], [left + 16.0, top + 8.0], [far, top + 8.0], [left + 16.0, low]];
-        let corner = corners.iter().min_by_key(|c| inside(c)).copied().unwrap_or([far, low]);
-        for y in 0..high as i64 {
-            (-8..wide as i64).for_each(|x| self.dot(corner[0] as i64 + x, corner[1] as i64 + y, [255; 3]));
+        if line {
+            let path = PathElement::new(points.clone(), colour.stroke_width(2));
+            drawn.draw_series([path])?.label(&curve.name).legend(in_legend);
         }
-        for (i, curve) in chart.curves.iter().enumerate() {
-            let y = corner[1] + line * i as f64;
-            let colour = COLOURS[i % COLOURS.len()];
-            let middle = y + 0.5 * f64::from(line_px(LETTER));
-            if !curve.marks {
-                self.line([corner[0], middle], [corner[0] + 36.0, middle], 4.0, colour);
+        if marks {
+            let series = drawn.draw_series(points.iter().map(|p| Circle::new(*p, 4, colour.filled())))?;
+            if !line {
+                series.label(&curve.name).legend(in_legend);
             }
-            if curve.marks || chart.logarithmic {
-                self.disc([corner[0] + 18.0, middle], 7.0, colour);
-            }
-            self.text(&curve.name, [corner[0] + 48.0, y], 0.0, INK);
         }
     }
+    let mut legend = drawn.configure_series_labels();
+    legend
+        .position(emptiest_corner(chart))
+        .background_style(WHITE.mix(0.8))
+        .label_font((FONT, LETTER_PX))
+        .draw()
 }
 
-/// From the chart's numbers to the picture.
-struct Scale {
-    low: [f64; 2],
-    high: [f64; 2],
-    logarithmic: bool,
-    frame: Frame,
+/// Points that can be drawn on the axes of a chart.
+fn usable<'a>(chart: &'a Chart, curve: &'a Curve) -> impl Iterator<Item = [f64; 2]> + 'a {
+    let fits = |p: &[f64; 2]| p.iter().all(|c| c.is_finite() && (!chart.logarithmic || *c > 0.0));
+    curve.points.iter().copied().filter(fits)
 }
 
-impl Scale {
-    fn around(chart: &Chart, frame: Frame) -> Option<Self> {
-        let logarithmic = chart.logarithmic;
-        let usable =
-            |p: &&[f64; 2]| p.iter().all(|c| c.is_finite()) && (!logarithmic || (p[0] > 0.0 && p[1] > 0.0));
-        let points = || chart.curves.iter().flat_map(|c| &c.points).filter(usable);
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for point in points() {
-            for axis in 0..2 {
-                let c = if logarithmic { libm::log10(point[axis]) } else { point[axis] };
-                (low[axis], high[axis]) = (low[axis].min(c), high[axis].max(c));
-            }
-        }
-        if !low.iter().all(|l| l.is_finite()) {
-            return None;
-        }
-        for axis in 0..2 {
-            let span = (high[axis] - low[axis]).max(1e-9);
-            (low[axis], high[axis]) = (low[axis] - 0.05 * span, high[axis] + 0.08 * span);
-            if logarithmic {
-                // At least a decade, so that there is a number on the axis.
-                let spare = (1.1 - (high[axis] - low[axis])).max(0.0) * 0.5;
-                (low[axis], high[axis]) = (low[axis] - spare, high[axis] + spare);
-            }
-        }
-        Some(Scale { low, high, logarithmic, frame })
-    }
+fn all_usable(chart: &Chart) -> impl Iterator<Item = [f64; 2]> + '_ {
+    chart.curves.iter().flat_map(|curve| usable(chart, curve))
+}
 
-    /// Of a point; `scaled` where it is already a logarithm on logarithmic axes.
-    fn place(&self, p: [f64; 2], scaled: bool) -> [f64; 2] {
-        let c = if self.logarithmic && !scaled { p.map(libm::log10) } else { p };
-        let share = [0, 1].map(|a: usize| (c[a] - self.low[a]) / (self.high[a] - self.low[a]));
-        let [left, top, right, bottom] = self.frame;
-        [left + share[0] * (right - left), bottom - share[1] * (bottom - top)]
-    }
-
-    fn ticks(&self, axis: usize) -> Vec<f64> {
-        let (low, high) = (self.low[axis], self.high[axis]);
-        let step = if self.logarithmic {
-            ((high - low) / 6.0).ceil().max(1.0)
-        } else {
-            let rough = (high - low) / 6.0;
-            let ten = libm::pow(10.0, rough.log10().floor());
-            [1.0, 2.0, 5.0, 10.0].map(|m| m * ten).into_iter().find(|s| *s >= rough).unwrap_or(rough)
-        };
-        let first = (low / step).ceil() as i64;
-        (first..).map(|i| i as f64 * step).take_while(|t| *t <= high).collect()
-    }
-
-    fn name(&self, tick: f64) -> String {
-        if self.logarithmic {
-            return match tick as i32 {
-                -2 => "0.01".into(),
-                -1 => "0.1".into(),
-                0 => "1".into(),
-                1 => "10".into(),
-                n => format!("10^{n}"),
-            };
+/// What the axes span: all points, and some room; nothing where there is no point.
+fn ranges(chart: &Chart) -> Option<[Range<f64>; 2]> {
+    all_usable(chart).next()?;
+    Some([0, 1].map(|axis| {
+        let values = all_usable(chart).map(|p| p[axis]);
+        let [low, high] = values.fold([f64::MAX, f64::MIN], |[l, h], v| [l.min(v), h.max(v)]);
+        if chart.logarithmic {
+            // At least a decade, so that there is a number on the axis.
+            let spare = libm::sqrt((12.0 * low / high).max(1.3));
+            return low / spare..high * spare;
         }
-        let text = format!("{tick:.6}");
-        let text = text.trim_end_matches('0').trim_end_matches('.');
-        if text == "-0" { "0".into() } else { text.into() }
-    }
+        let span = (high - low).max(1e-9);
+        low - 0.05 * span..high + 0.08 * span
+    }))
+}
+
+/// The corner in whose quarter the fewest points lie.
+fn emptiest_corner(chart: &Chart) -> SeriesLabelPosition {
+    use SeriesLabelPosition::{LowerLeft, LowerRight, UpperLeft, UpperRight};
+    let scaled = |v: f64| if chart.logarithmic { libm::log10(v) } else { v };
+    let Some(ranges) = ranges(chart) else { return LowerRight };
+    let middle = ranges.map(|r| 0.5 * (scaled(r.start) + scaled(r.end)));
+    let points = |right: bool, above: bool| {
+        let inside =
+            |p: &[f64; 2]| (scaled(p[0]) > middle[0]) == right && (scaled(p[1]) > middle[1]) == above;
+        all_usable(chart).filter(inside).count()
+    };
+    let corners = [
+        (LowerRight, true, false),
+        (UpperLeft, false, true),
+        (UpperRight, true, true),
+        (LowerLeft, false, false),
+    ];
+    let emptiest = corners.into_iter().min_by_key(|(_, right, above)| points(*right, *above));
+    emptiest.map_or(LowerRight, |(corner, ..)| corner)
+}
+
+/// A number without the zeros at its end.
+fn short(value: f64) -> String {
+    let text = format!("{value:.6}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" { "0".into() } else { text.into() }
 }

@@ -1,6 +1,6 @@
 //! Lines over a common axis, with a legend.
 
-use crate::plot::{Area, COLOURS, Drawn, FONT, Figure};
+use crate::{Area, COLOURS, Drawn, FONT, Figure};
 use plotters::prelude::*;
 
 /// Size of the picture, px.
@@ -94,7 +94,7 @@ fn thinned(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plot::{Format, bytes};
+    use crate::{Format, bytes};
 
     fn plot(points: Vec<[f64; 2]>) -> LinePlot {
         let line = Line { name: "inst0".into(), points };

@@ -1,4 +1,6 @@
-//! Pictures of figures, as PNG or SVG by the name of their file.
+//! Pictures of figures, drawn with plotters in our font: as PNG or SVG by the name of their file.
+
+pub mod line_plot;
 
 use anyhow::anyhow;
 use font::truetype;
