@@ -259,6 +259,17 @@ pub struct MatchFrame {
 }
 
 impl MatchFrame {
+    /// Makes it the same as `other`; what neither uses is left alone, which is most of it.
+    pub fn copy_from(&mut self, other: &MatchFrame) {
+        let used = other.fields().len();
+        let before = self.fields().len();
+        let MatchFrame { field, frame, exposed_ns, field_count, camera, fields } = self;
+        (*field, *frame, *exposed_ns) = (other.field, other.frame, other.exposed_ns);
+        (*field_count, *camera) = (other.field_count, other.camera);
+        let all = used.max(before);
+        fields[..all].copy_from_slice(&other.fields[..all]);
+    }
+
     /// The camera-fields in use.
     pub fn fields(&self) -> &[MatchedField] {
         &self.fields[..(self.field_count as usize).min(MAX_FIELDS_USED)]
@@ -330,6 +341,18 @@ mod tests {
         assert_eq!(BlobUse::from_wire(BlobUse::ALL.len() as u32), None);
         let matched = BlobUse::ALL.into_iter().filter(|b| b.is_matched()).count();
         assert_eq!((matched, BlobUse::ALL.into_iter().filter(|b| b.is_used()).count()), (4, 2));
+    }
+
+    #[test]
+    fn a_copy_is_the_same_in_all_that_is_used() {
+        let mut copy = MatchFrame::zeroed();
+        for count in [3, 1, 0, 16] {
+            let mut frame = MatchFrame { exposed_ns: 7, field: 5, frame: 6, camera: 2, ..Zeroable::zeroed() };
+            frame.field_count = count;
+            frame.fields_mut().iter_mut().zip(1..).for_each(|(slot, field)| slot.field = field);
+            copy.copy_from(&frame);
+            assert_eq!(copy, frame, "{count} fields");
+        }
     }
 
     #[test]

@@ -54,6 +54,21 @@ pub struct Recorded {
     pub(crate) begins_with: Option<(TrackerCheckpointHeader, SavedState)>,
 }
 
+/// What a run needs of a recording. Matches and pictures, which the rest depends on by nothing, are most of its
+/// bytes: they are not unpacked.
+pub(crate) const TOPICS: [&str; 10] = [
+    "blobs",
+    "handles",
+    "pedal",
+    "poses",
+    "steps",
+    "events",
+    "frames",
+    "checkpoints",
+    "notes",
+    "tracker-checkpoints",
+];
+
 /// Frames that are kept for their steps.
 const FRAMES: usize = 32;
 
@@ -63,7 +78,7 @@ impl Recorded {
         let desk = recording.provenance().config.contains_key(recording::DESK);
         let tuning = tuning_or_default(recording.provenance());
         Recorded {
-            items: recording.items(),
+            items: recording.items_of(&TOPICS),
             tracker: (!desk).then(|| (Tracker::tuned(rig, true, &tuning), Report::default())),
             frames: Frames::new(rig.field_period_ns(), desk),
             steps: Steps::of(recording, world),

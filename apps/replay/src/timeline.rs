@@ -16,6 +16,7 @@ mod resume;
 pub mod saving;
 mod streamed;
 
+use crate::engine::TOPICS;
 use crate::frames::{AHEAD_NS, FIELDS_KEPT_NS};
 use pairs::{Known, Pairs};
 use protocol::events::Event;
@@ -185,7 +186,7 @@ impl Timeline {
     fn known(&self, number: usize) -> Option<(Known, Place)> {
         let known = self.pairs.as_ref()?.read(number, self.tracked)?;
         let from_ns = known.from_ns.saturating_sub(self.window_ns);
-        let place = self.chunks.place(self.chunks.first_with(from_ns))?;
+        let place = self.chunks.place(self.chunks.first_with(from_ns))?.of_topics(&TOPICS);
         Some((known, place))
     }
 }

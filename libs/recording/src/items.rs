@@ -32,7 +32,8 @@ impl Place {
     }
 
     /// The same place, for these topics only.
-    pub(super) fn of_topics(mut self, topics: &[&'static str]) -> Self {
+    #[must_use]
+    pub fn of_topics(mut self, topics: &[&'static str]) -> Self {
         Arc::make_mut(&mut self.topics).retain(|_, topic| topics.contains(topic));
         self.wanted = topics.into();
         self

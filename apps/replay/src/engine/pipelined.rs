@@ -6,6 +6,7 @@
 use super::{Made, Recorded, is_before_beginning, keep_newest, made_for, track_turn};
 use crate::frames::{FrameTurn, Frames};
 use crate::steps::{SavedState, Steps};
+use bytemuck::Zeroable;
 use diagnosis::Due;
 use protocol::checkpoints::TrackerCheckpointHeader;
 use protocol::matches::MatchFrame;
@@ -16,7 +17,7 @@ use std::collections::VecDeque;
 use std::ops::ControlFlow;
 use std::panic::resume_unwind;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::thread;
 use tracker::Tracker;
 use tracker::report::Report;
@@ -62,6 +63,8 @@ struct Reader {
     tracker: Option<(Tracker, Report)>,
     frames: Frames,
     begins_with: Option<(TrackerCheckpointHeader, SavedState)>,
+    /// Matches that were visited come back to be written over: they are large.
+    visited: Receiver<Box<MatchFrame>>,
 }
 
 impl Recorded {
@@ -83,12 +86,13 @@ impl Recorded {
         }
         let Recorded { items, tracker, frames, begins_with, steps, damage, made } = self;
         let due = frames.due.clone();
-        let reader = Reader { items, tracker, frames, begins_with };
+        let (give_back, visited) = channel();
+        let reader = Reader { items, tracker, frames, begins_with, visited };
         let mut ended = Ended { stopped: false, due, frames_lost: None, steps, damage };
         thread::scope(|scope| {
             let (send, receive) = sync_channel(BATCHES);
             let ahead = scope.spawn(move || reader.read_ahead(&send));
-            let stopped = ended.follow(&receive, made, visit);
+            let stopped = ended.follow(&receive, &give_back, made, visit);
             // Else the other thread would wait for room.
             drop(receive);
             ended.frames_lost = ahead.join().unwrap_or_else(|panic| resume_unwind(panic));
@@ -125,12 +129,16 @@ impl Reader {
 
     /// The next frame whose turn has come, and what the tracker makes of it.
     fn next_turn(&mut self) -> Option<Turn> {
-        let Reader { tracker, frames, begins_with, .. } = self;
+        let Reader { tracker, frames, begins_with, visited, .. } = self;
         let mut turn = frames.next_turn()?;
         let before_beginning = is_before_beginning(begins_with, tracker, frames, &turn);
         let leads_in = before_beginning && begins_with.is_none();
         let made = if before_beginning { None } else { track_turn(tracker, &mut turn, frames) };
-        let matches = tracker.as_ref().map(|(tracker, _)| Box::new(*tracker.matches()));
+        let matches = tracker.as_ref().filter(|_| made.is_some()).map(|(tracker, _)| {
+            let mut matches = visited.try_recv().unwrap_or_else(|_| Box::new(MatchFrame::zeroed()));
+            matches.copy_from(tracker.matches());
+            matches
+        });
         Some(Turn { turn, made: made.zip(matches), before_beginning, leads_in })
     }
 }
@@ -140,6 +148,7 @@ impl Ended {
     fn follow(
         &mut self,
         receive: &Receiver<Vec<Ahead>>,
+        give_back: &Sender<Box<MatchFrame>>,
         mut newest: VecDeque<Arc<TrackerFrame>>,
         mut visit: impl FnMut(Made<'_>) -> anyhow::Result<ControlFlow<()>>,
     ) -> anyhow::Result<bool> {
@@ -170,6 +179,8 @@ impl Ended {
                 if flow.is_break() {
                     break;
                 }
+                // At the end nobody takes it.
+                made.into_iter().for_each(|(_, matches)| drop(give_back.send(matches)));
             }
             while let Some(mut again) = self.steps.next_step() {
                 again.made = made_for(&newest, &again);
