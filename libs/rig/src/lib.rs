@@ -1,6 +1,7 @@
 //! Rig files (`vitreo-rig-1`): cameras, marked bodies, trocars. JSON, unknown keys refused.
 
 pub mod camera;
+mod plausible;
 pub mod region;
 
 use camera::Camera;
@@ -272,7 +273,8 @@ impl Rig {
     }
 
     fn check(&self, path: &str) -> Result<(), RigError> {
-        let defect = self.defect().or_else(|| self.defect_of_cameras()).or_else(|| self.defect_of_bodies());
+        let defect = self.defect().or_else(|| self.defect_of_cameras()).or_else(|| self.defect_of_fields());
+        let defect = defect.or_else(|| self.defect_of_bodies()).or_else(|| self.defect_of_views());
         let Some((field, expected, found)) = defect else { return Ok(()) };
         Err(RigError::Value { path: path.into(), field, expected: expected.into(), found })
     }
@@ -317,7 +319,7 @@ impl Rig {
             return Some(("bodies".into(), "inst0, inst1 and eye", found));
         }
         for body in &self.bodies {
-            if let Some((field, what, found)) = body.defect() {
+            if let Some((field, what, found)) = body.defect().or_else(|| body.defect_of_places()) {
                 return Some((format!("bodies.{}.{field}", body.name), what, found));
             }
         }
