@@ -25,6 +25,7 @@ pub mod interactive;
 pub mod line_plot;
 pub mod matched;
 pub mod merge;
+pub mod new_recording;
 pub mod pace;
 pub mod perception;
 pub mod plot;

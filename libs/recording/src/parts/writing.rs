@@ -17,7 +17,7 @@ const PATIENCE_NS: Nanos = 10_000_000_000;
 pub enum Limit {
     /// After this time, ns of log time.
     Time(Nanos),
-    /// At this size, bytes.
+    /// At this size, bytes, without those with which it began.
     Bytes(u64),
 }
 
@@ -54,6 +54,8 @@ pub struct PartsWriter {
     recent: Recent,
     /// Log time of the part's first item.
     begun_ns: Option<Nanos>,
+    /// Bytes with which it began.
+    begun_bytes: u64,
     /// Newest log time when it became due.
     due_ns: Option<Nanos>,
     synced: bool,
@@ -88,6 +90,7 @@ impl PartsWriter {
         let part = PartOf { number: 1, set: set_of(provenance), from: Numbers::default() };
         let path = part_file(recording, part.number);
         let writer = Writer::of_part(first, &path, provenance, packing, &part)?;
+        let begun_bytes = writer.bytes();
         Ok(PartsWriter {
             recording: recording.into(),
             provenance: provenance.clone(),
@@ -100,6 +103,7 @@ impl PartsWriter {
             closed: 0,
             recent: Recent::new(provenance),
             begun_ns: None,
+            begun_bytes,
             due_ns: None,
             synced: false,
             warning: None,
@@ -144,7 +148,8 @@ impl PartsWriter {
         let newest_ns = self.recent.newest_ns();
         let over = match self.limit {
             Limit::Time(limit_ns) => newest_ns.saturating_sub(begun_ns) >= limit_ns,
-            Limit::Bytes(limit) => self.writer.bytes() >= limit,
+            // The beginning of a part alone may be larger.
+            Limit::Bytes(limit) => self.writer.bytes().saturating_sub(self.begun_bytes) >= limit,
         };
         if !over || self.part.number >= MOST_PARTS {
             return None;
@@ -179,6 +184,9 @@ impl PartsWriter {
         let next = name_of(&part_file(&self.recording, number));
         let writer = std::mem::replace(&mut self.writer, writer);
         self.before.push(Ending { writer, late: self.recent.late(), next });
+        // Each part begins later than the one before it, however small they are to be.
+        self.recent.forget_checkpoints();
+        self.begun_bytes = self.writer.bytes();
         (self.part, self.begun_ns, self.due_ns, self.warned) = (part, None, None, false);
         done
     }
