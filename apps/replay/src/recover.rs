@@ -255,7 +255,9 @@ mod tests {
         let (tally, problems) = copied(&Recording::open(&file).unwrap(), &output).unwrap();
         assert_eq!((tally.items, problems), (200, 0));
         assert_eq!(read_back(&output).unwrap(), tally);
-        let onto_itself = RecoverArgs { file: file.clone(), output: file, force: Force { force: true } };
+        let writing = WritingArgs::default();
+        let onto_itself =
+            RecoverArgs { file: file.clone(), output: file, writing, force: Force { force: true } };
         assert!(run(&onto_itself).is_err());
     }
 }

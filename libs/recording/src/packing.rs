@@ -8,7 +8,7 @@ pub enum Packing {
     /// Zstandard: the smallest files.
     #[default]
     Zstd,
-    /// LZ4: larger files, less work.
+    /// LZ4: larger files, quicker to read.
     Lz4,
     /// Not at all: the largest files, for tools that unpack nothing.
     None,

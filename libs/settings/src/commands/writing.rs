@@ -6,7 +6,7 @@ use std::str::FromStr;
 /// How a recording is written. Every command that writes one takes these.
 #[derive(Debug, Clone, Default, PartialEq, clap::Args)]
 pub struct WritingArgs {
-    /// Pack the recording with zstd (small), lz4 (larger, less work) or not at all (none).
+    /// Pack the recording with zstd (small), lz4 (larger, quicker to read) or not at all (none).
     #[arg(long, value_name = "HOW", value_parser = PACKINGS, default_value = PACKINGS[0])]
     pub compress: String,
     /// Write the recording in parts, FILE.0001.mcap, FILE.0002.mcap and so on, of a length (90s, 10m, 1h) or a
