@@ -3,11 +3,12 @@
 use crate::machine::has_display;
 use crate::run::{self, MAX_RESTARTS, OutputArgs, RunArgs, TrainingArgs, TrialArgs, ViewArgs};
 use anyhow::bail;
+use clap::ArgGroup;
 use ipc::logging::inform;
 use outputs::{Force, print};
 use protocol::bindings::rows;
 use settings::commands::processes::{DeskArgs, PictureArgs, RigArgs, SceneArgs, VirtualRigArgs};
-use settings::commands::{Arrangement, StoreArgs};
+use settings::commands::{Arrangement, StoreArgs, WritingArgs};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -16,6 +17,8 @@ const FIRST_MODULE: &str = "navigation";
 
 /// Arguments of `vitreo play`.
 #[derive(Debug, clap::Args)]
+#[command(group = ArgGroup::new("recorded").multiple(true).args(["record", "trainee"]))]
+#[command(mut_arg("split", |arg| arg.requires("recorded")))]
 pub struct PlayArgs {
     /// What to train (vitreo modules lists them) [default: navigation].
     #[arg(value_name = "MODULE", conflicts_with = "scene")]
@@ -41,6 +44,9 @@ pub struct PlayArgs {
     /// Record everything; a restart or the next level begins another file, with a number.
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
+    /// How the recording is written.
+    #[command(flatten)]
+    pub writing: WritingArgs,
     /// Write the figures of the run.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
@@ -107,8 +113,12 @@ impl PlayArgs {
             trainee: self.trainee.clone(),
             store: self.store.clone(),
         };
-        let files =
-            OutputArgs { record: self.record.clone(), report: self.report.clone(), force: self.force };
+        let files = OutputArgs {
+            record: self.record.clone(),
+            writing: self.writing.clone(),
+            report: self.report.clone(),
+            force: self.force,
+        };
         RunArgs {
             scene: SceneArgs { scene: self.scene.clone() },
             training,

@@ -5,6 +5,7 @@
 //! way then; [`crate::engine::Recorded`] goes on from them.
 
 use crate::frames::AHEAD_NS;
+use crate::new_recording::{NewRecording, claim};
 use crate::pace::Stopped;
 use crate::resimulate::scene_of;
 use crate::stop::StopSignal;
@@ -14,11 +15,11 @@ use anyhow::{Context, bail, ensure};
 use ipc::logging::{inform, warn};
 use outputs::exit::LOSS;
 use outputs::progress::bytes_bar;
-use outputs::{GrowingFile, Outputs, println};
+use outputs::{Outputs, println};
 use protocol::checkpoints::TrackerCheckpointHeader;
 use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
-use recording::{CUT, Item, Note, Provenance, Recording, Source, Writer};
+use recording::{CUT, Item, Note, Provenance, Recording, Source, files_of};
 use settings::commands::CutArgs;
 use simcore::world::World;
 use std::process::ExitCode;
@@ -66,19 +67,19 @@ impl Part {
 /// Where the recording cannot be read or replayed, does not have the part, or the file cannot be written.
 pub fn run(args: &CutArgs) -> anyhow::Result<ExitCode> {
     let stop = StopSignal::install().context("signals")?;
-    let mut outputs = Outputs::new(args.force.force).reading(&args.file);
-    outputs.claim(&args.output)?;
+    let mut outputs = Outputs::new(args.force.force).reading_all(files_of(&args.file));
+    claim(&args.output, &args.writing, &mut outputs)?;
     let recording = Recording::open(&args.file)?;
     args.span.check(&args.file, || recording.exposed_s())?;
-    let mut output = outputs.grow(&args.output)?;
+    let output = NewRecording::begin(&args.output, &args.writing, &mut outputs)?;
     let Copied { items, lost } = match recording.provenance().source {
         Source::Live => of_run(args, &recording, &output, &stop)?,
         Source::Import => of_stream(args, &recording, &output, &stop)?,
     };
     ensure!(items > 0, "{}: holds nothing in that part", args.file.display());
-    output.appear()?;
+    let files = output.appear()?;
     inform(&format!("{items} messages"));
-    println!("{}", args.output.display());
+    files.iter().for_each(|file| println!("{}", file.display()));
     let Some(lost) = lost else { return Ok(ExitCode::SUCCESS) };
     warn(&lost);
     Ok(ExitCode::from(LOSS))
@@ -95,7 +96,7 @@ fn exposed(args: &CutArgs, recording: &Recording) -> [Nanos; 2] {
 fn of_run(
     args: &CutArgs,
     recording: &Recording,
-    output: &GrowingFile,
+    output: &NewRecording,
     stop: &StopSignal,
 ) -> anyhow::Result<Copied> {
     let exposed = exposed(args, recording);
@@ -136,7 +137,7 @@ fn of_run(
 fn of_stream(
     args: &CutArgs,
     recording: &Recording,
-    output: &GrowingFile,
+    output: &NewRecording,
     stop: &StopSignal,
 ) -> anyhow::Result<Copied> {
     let [first, last] = exposed(args, recording);
@@ -157,13 +158,13 @@ struct Copied {
 fn copy(
     recording: &Recording,
     provenance: &Provenance,
-    output: &GrowingFile,
+    output: &NewRecording,
     known: Vec<Item>,
     stop: &StopSignal,
     wanted: impl Fn(Nanos, &Item) -> bool,
 ) -> anyhow::Result<Copied> {
     let bar = bytes_bar(recording.bytes(), "cut");
-    let mut writer = Writer::on(output.handle()?, output.path(), provenance)?;
+    let mut writer = output.writer(provenance)?;
     let (mut items, mut copied) = (recording.items(), Copied { items: 0, lost: None });
     let (mut known, mut newest) = (known.into_iter(), 0);
     while let Some(item) = items.next() {
@@ -193,6 +194,7 @@ mod tests {
     use super::*;
     use crate::engine::{Made, Recorded};
     use rig::Rig;
+    use settings::commands::WritingArgs;
     use std::ops::ControlFlow;
     use std::path::{Path, PathBuf};
 
@@ -236,10 +238,11 @@ mod tests {
         std::fs::copy(golden(), &file).unwrap();
         let span = settings::commands::SpanArgs { from, until };
         let force = outputs::Force { force: true };
-        let args = CutArgs { file, span, output: output.clone(), force };
+        let writing = WritingArgs::default();
+        let args = CutArgs { file, span, output: output.clone(), writing, force };
         let recording = Recording::open(&args.file).unwrap();
         let mut outputs = Outputs::new(true);
-        let mut file = outputs.grow(&output).unwrap();
+        let file = NewRecording::begin(&output, &args.writing, &mut outputs).unwrap();
         let copied = of_run(&args, &recording, &file, &StopSignal::default()).unwrap();
         assert!(copied.lost.is_none() && copied.items > 0);
         file.appear().unwrap();

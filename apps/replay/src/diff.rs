@@ -42,7 +42,8 @@ use std::process::ExitCode;
 /// # Errors
 /// Where a file is no recording, or an output cannot be written.
 pub fn run(args: &DiffArgs) -> anyhow::Result<ExitCode> {
-    let mut outputs = Outputs::new(args.force.force).reading_all([&args.a, &args.b]);
+    let mut outputs = Outputs::new(args.force.force)
+        .reading_all([&args.a, &args.b].into_iter().flat_map(|file| recording::files_of(file)));
     for path in [&args.json, &args.plot, &args.html].into_iter().flatten() {
         outputs.claim(path)?;
     }

@@ -1,6 +1,8 @@
 //! `vitreo export`: the contents of a recording as CSV, JSON lines or the rig file, as recorded.
 
 mod matches;
+mod poses;
+mod tum;
 
 use anyhow::bail;
 use blob_stream::poses_csv::PosesCsv;
@@ -11,18 +13,21 @@ use outputs::progress::bytes_bar;
 use outputs::{OutputFile, STDOUT, csv_cell};
 use protocol::matches::MatchFrame;
 use protocol::message::Message;
+use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
 use protocol::wire::{Kind, Layout, Role};
-use recording::{Item, Recording};
+use recording::{Item, Provenance, Recording};
 use settings::commands::{ExportArgs, What};
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
+use tum::Trajectories;
 
 /// Where each kind of item goes.
 struct Tables {
     poses: Option<PosesCsv<OutputFile>>,
     blobs: Option<OutputFile>,
+    trajectories: Option<Trajectories>,
     table: Option<(String, OutputFile)>,
     counts: [u64; 3],
 }
@@ -33,8 +38,8 @@ struct Tables {
 /// Where the recording cannot be read, or a file exists already or cannot be written.
 pub fn run(args: &ExportArgs) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
-    let mut outputs = outputs::Outputs::new(args.force.force).reading(&args.file);
-    let mut tables = Tables::open(args, &mut outputs)?;
+    let mut outputs = outputs::Outputs::new(args.force.force).reading_all(recording::files_of(&args.file));
+    let mut tables = Tables::open(args, recording.provenance(), &mut outputs)?;
     if let Some(rig) = &args.what.rig {
         outputs.write(rig, &recording.provenance().rig_json)?;
     }
@@ -57,12 +62,19 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<ExitCode> {
 }
 
 impl Tables {
-    fn open(args: &ExportArgs, outputs: &mut outputs::Outputs) -> anyhow::Result<Self> {
+    fn open(
+        args: &ExportArgs,
+        provenance: &Provenance,
+        outputs: &mut outputs::Outputs,
+    ) -> anyhow::Result<Self> {
         let to = args.what.csv.as_ref().map(|_| args.output.as_deref().unwrap_or(Path::new(STDOUT)));
-        let What { poses, blobs, rig, csv } = &args.what;
+        let What { poses, blobs, rig, csv, tum } = &args.what;
         for path in [poses, blobs, rig].into_iter().filter_map(|p| p.as_deref()).chain(to) {
             outputs.claim(path)?;
         }
+        let body = args.body.as_deref();
+        let trajectories =
+            tum.as_deref().map(|to| Trajectories::open(to, body, provenance, outputs)).transpose()?;
         let poses = poses.as_deref().map(|path| outputs.create(path)).transpose()?;
         let poses = poses.map(PosesCsv::new).transpose()?;
         let blobs = blobs.as_deref().map(|path| outputs.create(path)).transpose()?;
@@ -72,10 +84,13 @@ impl Tables {
             writeln!(out, "log_time_ns,{}", header(topic))?;
             table = Some((topic.clone(), out));
         }
-        Ok(Tables { poses, blobs, table, counts: [0; 3] })
+        Ok(Tables { poses, blobs, trajectories, table, counts: [0; 3] })
     }
 
     fn take(&mut self, log_time: Nanos, item: &Item) -> anyhow::Result<()> {
+        if let (Item::Poses(frame), Some(trajectories)) = (item, &mut self.trajectories) {
+            trajectories.take(frame)?;
+        }
         match (item, &mut self.poses, &mut self.blobs) {
             (Item::Poses(frame), Some(poses), _) => {
                 poses.measured(frame, frame.instants.tracked)?;
@@ -110,6 +125,10 @@ impl Tables {
         if let Some(blobs) = self.blobs {
             blobs.finish()?;
         }
+        let empty = self.trajectories.map(Trajectories::finish).transpose()?.unwrap_or_default();
+        if !empty.is_empty() {
+            warn(&format!("{file} holds no measured pose of {}", empty.join(", ")));
+        }
         if let Some((topic, out)) = self.table {
             out.finish()?;
             if self.counts[2] == 0 {
@@ -122,8 +141,10 @@ impl Tables {
 
 /// Names of a table's columns after the log time.
 fn header(topic: &str) -> String {
-    if topic == MatchFrame::CHANNEL {
-        return matches::HEADER.into();
+    match topic {
+        MatchFrame::CHANNEL => return matches::HEADER.into(),
+        TrackerFrame::CHANNEL => return poses::header(),
+        _ => {}
     }
     let Some(layout) = Item::layout(topic) else { return "instant_ns,kind,process,count,text".into() };
     let mut names = Vec::new();
@@ -144,7 +165,11 @@ fn columns(layout: &Layout, names: &mut Vec<&'static str>) {
 
 /// The rows of an item, each after the log time.
 fn rows(item: &Item) -> Vec<String> {
-    if let Item::Matches(matches) = item { matches::rows(matches) } else { vec![row(item)] }
+    match item {
+        Item::Matches(matches) => matches::rows(matches),
+        Item::Poses(frame) => poses::rows(frame),
+        _ => vec![row(item)],
+    }
 }
 
 /// The cells of an item's row after the log time; one with several rows has cells of its own numbers alone.

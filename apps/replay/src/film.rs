@@ -52,7 +52,7 @@ pub struct SceneShown {
 pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
     let stop = StopSignal::install().context("signals")?;
     let video = args.output.clone().or_else(|| args.drawing.stills.is_none().then(|| "out/film.mp4".into()));
-    let mut outputs = Outputs::new(args.force.force).reading(&args.subject);
+    let mut outputs = Outputs::new(args.force.force).reading_all(recording::files_of(args.subject.as_ref()));
     claim(&args.drawing, video.as_deref(), &mut outputs)?;
     let subject = Subject::open(args)?;
     let config = film_config(&args.drawing, video.clone(), args.span.from, subject.tier());

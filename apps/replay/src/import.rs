@@ -1,13 +1,14 @@
 //! `vitreo import`: a rig and a blob stream of another tool become a recording.
 
+use crate::new_recording::{NewRecording, claim};
 use anyhow::{Context, ensure};
 use blob_stream::BlobReader;
 use ipc::logging::{inform, warn};
+use outputs::Outputs;
 use outputs::progress::counter;
-use outputs::{GrowingFile, Outputs};
 use protocol::file::{MAX_SETTINGS_BYTES, read_text};
 use protocol::limits::MAX_BLOBS;
-use recording::{Item, Provenance, Source, Writer};
+use recording::{Item, Provenance, Source};
 use rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 use settings::commands::ImportArgs;
@@ -30,10 +31,10 @@ struct Imported {
 pub fn run(args: &ImportArgs) -> anyhow::Result<ExitCode> {
     let scene = args.scene.as_deref().unwrap_or(DEFAULT_SCENE);
     let mut outputs = Outputs::new(args.force.force).reading_all([&args.rig, &args.blobs]).reading(scene);
-    outputs.claim(&args.output)?;
+    claim(&args.output, &args.writing, &mut outputs)?;
     let provenance = provenance(&args.rig, &args.blobs, scene)?;
     let stream = BlobReader::open(&args.blobs)?;
-    let mut output = outputs.grow(&args.output)?;
+    let output = NewRecording::begin(&args.output, &args.writing, &mut outputs)?;
     let imported = copy(stream, &output, &provenance)?;
     ensure!(imported.fields > 0, "blob stream {}: holds no field", args.blobs.display());
     output.appear()?;
@@ -62,9 +63,9 @@ fn provenance(rig: &Path, blobs: &Path, scene: &str) -> anyhow::Result<Provenanc
     })
 }
 
-fn copy(stream: BlobReader, output: &GrowingFile, provenance: &Provenance) -> anyhow::Result<Imported> {
+fn copy(stream: BlobReader, output: &NewRecording, provenance: &Provenance) -> anyhow::Result<Imported> {
     let bar = counter("camera-fields");
-    let mut writer = Writer::on(output.handle()?, output.path(), provenance)?;
+    let mut writer = output.writer(provenance)?;
     let mut imported = Imported::default();
     for field in stream {
         let field = field?;
@@ -84,6 +85,7 @@ mod tests {
     use super::*;
     use outputs::Force;
     use recording::Recording;
+    use settings::commands::WritingArgs;
     use std::path::PathBuf;
 
     const LINE: &str = r#"{"cam":0,"seq":3,"t_ns":40,"t_rx_ns":70,"parity":1,"blobs":[{"x":1.5,"y":2.5,"area":3.0,"colour":"red","w":1.0,"h":1.0}]}"#;
@@ -101,7 +103,14 @@ mod tests {
         let (blobs, output) = (directory.path().join("b.jsonl"), directory.path().join("b.mcap"));
         let earlier = LINE.replace("\"seq\":3", "\"seq\":2");
         std::fs::write(&blobs, format!("{LINE}\n{LINE}\n{earlier}\n")).unwrap();
-        let args = ImportArgs { rig, blobs, scene: None, output, force: Force::default() };
+        let args = ImportArgs {
+            rig,
+            blobs,
+            scene: None,
+            output,
+            writing: WritingArgs::default(),
+            force: Force::default(),
+        };
         run(&args).unwrap();
         let recording = Recording::open(&args.output).unwrap();
         assert_eq!(recording.provenance().source, Source::Import);
@@ -118,7 +127,14 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let rig = rig_in(directory.path());
         let (blobs, output) = (directory.path().join("b.jsonl"), directory.path().join("b.mcap"));
-        let args = ImportArgs { rig, blobs, scene: None, output, force: Force::default() };
+        let args = ImportArgs {
+            rig,
+            blobs,
+            scene: None,
+            output,
+            writing: WritingArgs::default(),
+            force: Force::default(),
+        };
         for text in ["", "\n\n"] {
             std::fs::write(&args.blobs, text).unwrap();
             let error = format!("{:#}", run(&args).unwrap_err());
@@ -133,7 +149,14 @@ mod tests {
         let rig = rig_in(directory.path());
         let (blobs, output) = (directory.path().join("b.jsonl"), directory.path().join("b.mcap"));
         std::fs::write(&blobs, format!("{LINE}\n{{\"cam\":0}}\n")).unwrap();
-        let args = ImportArgs { rig, blobs, scene: None, output, force: Force::default() };
+        let args = ImportArgs {
+            rig,
+            blobs,
+            scene: None,
+            output,
+            writing: WritingArgs::default(),
+            force: Force::default(),
+        };
         let error = format!("{:#}", run(&args).unwrap_err());
         assert!(error.contains("b.jsonl") && error.contains("line 2"), "{error}");
         assert!(!args.output.exists());

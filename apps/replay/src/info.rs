@@ -5,7 +5,7 @@ use ipc::logging::warn;
 use outputs::exit::LOSS;
 use outputs::println;
 use protocol::poses::BODY_NAMES;
-use recording::{Item, NoteKind, Recording, STATE_HASH, Source, TRACKER};
+use recording::{Item, NoteKind, PartInfo, Recording, STATE_HASH, Source, TRACKER, split_name};
 use rig::Rig;
 use serde::Serialize;
 use settings::commands::InfoArgs;
@@ -22,6 +22,10 @@ struct Contents {
     finished: bool,
     /// Rig, scene and configuration are under a checksum; former versions wrote none.
     checksum: bool,
+    /// Which part of which recording it is, where it is one that was opened alone.
+    part: Option<PartNumber>,
+    /// The files of a recording in parts.
+    parts: Vec<PartFile>,
     /// Blocks that are missing, by the notes of the recorder.
     missing: u64,
     restarts: u64,
@@ -45,6 +49,22 @@ struct Contents {
     /// The same, a line each.
     #[serde(skip)]
     lines: Vec<String>,
+}
+
+/// A part that was opened alone.
+#[derive(Debug, Serialize)]
+struct PartNumber {
+    number: u32,
+    of: String,
+}
+
+/// A part of a recording.
+#[derive(Debug, Serialize)]
+struct PartFile {
+    file: String,
+    bytes: u64,
+    /// Why nothing of it is read.
+    problem: Option<String>,
 }
 
 /// How the bodies of a recording were tracked.
@@ -129,6 +149,14 @@ impl Contents {
         };
         println!("{}", self.file);
         println!("  {:.1} MiB, {}, {state}", self.bytes as f64 / f64::from(1 << 20), self.source);
+        if let Some(PartNumber { number, of }) = &self.part {
+            println!("  part {number} of {of}, alone");
+        }
+        for PartFile { file, bytes, problem } in &self.parts {
+            let mib = *bytes as f64 / f64::from(1 << 20);
+            let text = problem.clone().unwrap_or_else(|| format!("{mib:.1} MiB"));
+            println!("  part {file}: {text}");
+        }
         if !self.checksum {
             println!("  without checksum of rig and scene, as former versions wrote it");
         }
@@ -177,6 +205,8 @@ pub fn run(args: &InfoArgs) -> anyhow::Result<ExitCode> {
         source: provenance.source.name(),
         finished: recording.is_finished(),
         checksum: recording.has_checksum(),
+        part: part_of(&recording),
+        parts: parts_of(&recording),
         damage: recording.doubt().map(ToString::to_string),
         scene: provenance.scene_name,
         seeds: provenance.seeds,
@@ -205,6 +235,21 @@ pub fn run(args: &InfoArgs) -> anyhow::Result<ExitCode> {
     }
     let whole = contents.damage.is_none() && contents.finished;
     Ok(ExitCode::from(if whole { 0 } else { LOSS }))
+}
+
+/// Which part it is, and of what.
+fn part_of(recording: &Recording) -> Option<PartNumber> {
+    let number = recording.part()?.number;
+    let of =
+        split_name(recording.path()).map_or_else(|| "a recording".into(), |(of, _)| of.display().to_string());
+    Some(PartNumber { number, of })
+}
+
+/// The files of a recording in parts.
+fn parts_of(recording: &Recording) -> Vec<PartFile> {
+    let part =
+        |PartInfo { file, bytes, problem }| PartFile { file: file.display().to_string(), bytes, problem };
+    recording.parts().into_iter().map(part).collect()
 }
 
 #[cfg(test)]

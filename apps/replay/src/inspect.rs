@@ -23,7 +23,7 @@ pub fn run(args: &InspectArgs) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
     let rig = rig_of(&recording)?;
     let format = Format::of(&args.output)?;
-    let mut outputs = Outputs::new(args.force.force).reading(&args.file);
+    let mut outputs = Outputs::new(args.force.force).reading_all(recording::files_of(&args.file));
     outputs.claim(&args.output)?;
     let mut view = None;
     let mut line = time_line::TimeLine::default();

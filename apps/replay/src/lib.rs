@@ -24,6 +24,7 @@ pub mod inspect;
 pub mod interactive;
 pub mod matched;
 pub mod merge;
+pub mod new_recording;
 pub mod pace;
 pub mod perception;
 pub mod recover;

@@ -1,16 +1,17 @@
-//! `vitreo merge`: parts of one run, as `vitreo cut` makes them, become one recording again.
+//! `vitreo merge`: parts of one run, as `vitreo cut` and `vitreo run --split` make them, become one recording.
 
+use crate::new_recording::{ItemWriter, NewRecording, claim};
 use crate::pace::Stopped;
 use crate::stop::StopSignal;
 use anyhow::{Context, bail, ensure};
 use ipc::logging::{inform, warn};
-use outputs::exit::LOSS;
+use outputs::exit::{LOSS, WrongUse};
 use outputs::progress::bytes_bar;
 use outputs::{Outputs, println};
 use protocol::time::Nanos;
-use recording::{CUT, Item, Note, Provenance, Recording, Source, Writer};
+use recording::{CUT, Item, Note, Recording, Source, files_of, split_name};
 use settings::commands::MergeArgs;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -26,11 +27,23 @@ struct Part {
 /// Where a part cannot be read, or is of another run, or the file cannot be written.
 pub fn run(args: &MergeArgs) -> anyhow::Result<ExitCode> {
     let stop = StopSignal::install().context("signals")?;
-    let mut outputs = Outputs::new(args.force.force).reading_all(&args.files);
-    outputs.claim(&args.output)?;
+    let inputs = args.files.iter().flat_map(|file| files_of(file));
+    let mut outputs = Outputs::new(args.force.force).reading_all(inputs);
+    claim(&args.output, &args.writing, &mut outputs)?;
     let parts = open(&args.files)?;
-    let mut output = outputs.grow(&args.output)?;
-    let mut writer = Writer::on(output.handle()?, output.path(), parts[0].recording.provenance())?;
+    let output = NewRecording::begin(&args.output, &args.writing, &mut outputs)?;
+    let (written, lost) = write(&parts, output.writer(parts[0].recording.provenance())?, &stop)?;
+    let files = output.appear()?;
+    let count = parts.iter().map(|part| part.recording.parts().len().max(1)).sum::<usize>();
+    inform(&format!("{count} parts, {written} messages"));
+    files.iter().for_each(|file| println!("{}", file.display()));
+    let Some(lost) = lost else { return Ok(ExitCode::SUCCESS) };
+    warn(&lost);
+    Ok(ExitCode::from(LOSS))
+}
+
+/// Writes what the parts hold, each item once; returns how many there are, and what could not be read first.
+fn write(parts: &[Part], mut writer: ItemWriter, stop: &StopSignal) -> anyhow::Result<(u64, Option<String>)> {
     let bar = bytes_bar(parts.iter().map(|part| part.recording.bytes()).sum(), "merge");
     let (mut seen, mut lost, mut done, mut written) = (Seen::default(), None, 0, 0);
     for (number, part) in parts.iter().enumerate() {
@@ -59,20 +72,25 @@ pub fn run(args: &MergeArgs) -> anyhow::Result<ExitCode> {
     }
     bar.finish_and_clear();
     writer.finish()?;
-    output.appear()?;
-    inform(&format!("{} parts, {written} messages", parts.len()));
-    println!("{}", args.output.display());
-    let Some(lost) = lost else { return Ok(ExitCode::SUCCESS) };
-    warn(&lost);
-    Ok(ExitCode::from(LOSS))
+    Ok((written, lost))
 }
 
 fn is_cut(part: &Part) -> bool {
     part.recording.provenance().config.contains_key(CUT)
 }
 
-/// Opens the parts, the earliest first.
+/// Opens the parts, the earliest first. Files that a recorder wrote as parts of one recording are one, to the
+/// item.
 fn open(files: &[PathBuf]) -> anyhow::Result<Vec<Part>> {
+    if let Some(recording) = of_one_recorder(files)? {
+        return Ok(vec![Part { recording, from_ns: 0 }]);
+    }
+    if let [file] = files {
+        bail!(WrongUse(format!(
+            "{}: one recording in one file: expected two parts, or the name of a recording in parts",
+            file.display()
+        )));
+    }
     let mut parts = Vec::new();
     for file in files {
         let recording = Recording::open(file)?;
@@ -89,30 +107,29 @@ fn open(files: &[PathBuf]) -> anyhow::Result<Vec<Part>> {
     parts.sort_by_key(|part| part.from_ns);
     for part in &parts[1..] {
         let [one, other] = [&parts[0], part].map(|part| part.recording.path().display().to_string());
-        let difference = difference(parts[0].recording.provenance(), part.recording.provenance());
+        let difference = parts[0].recording.provenance().difference(part.recording.provenance());
         ensure!(
             difference.is_none(),
-            "{one} and {other} are of two runs: {}",
+            "{one} and {other} are of two runs: their {} differ",
             difference.unwrap_or_default()
         );
     }
     Ok(parts)
 }
 
-/// The first part of what results depend on that differs.
-fn difference(a: &Provenance, b: &Provenance) -> Option<String> {
-    let config = |p: &Provenance| {
-        p.config.clone().into_iter().filter(|(key, _)| key != CUT).collect::<BTreeMap<_, _>>()
-    };
-    let parts = [
-        ("rigs", a.rig_json == b.rig_json),
-        ("scenes", a.scene_toml == b.scene_toml),
-        ("sources", a.source == b.source),
-        ("seeds", a.seeds == b.seeds),
-        ("versions", a.versions == b.versions),
-        ("configurations", config(a) == config(b)),
-    ];
-    parts.into_iter().find(|(_, same)| !same).map(|(what, _)| format!("their {what} differ"))
+/// The recording whose parts these files are, or whose name this is.
+fn of_one_recorder(files: &[PathBuf]) -> anyhow::Result<Option<Recording>> {
+    let mut sets = BTreeSet::new();
+    for file in files {
+        let recording = Recording::open(file)?;
+        if files.len() == 1 && !recording.parts().is_empty() {
+            return Ok(Some(recording));
+        }
+        let Some(part) = recording.part() else { return Ok(None) };
+        sets.insert(part.set.clone());
+    }
+    let name = split_name(&files[0]).map_or(files[0].clone(), |(name, _)| name);
+    if sets.len() == 1 && files.len() > 1 { Ok(Some(Recording::of_parts(&name, files)?)) } else { Ok(None) }
 }
 
 /// What was written, by topic.
@@ -158,6 +175,7 @@ mod tests {
     use super::*;
     use bytemuck::Zeroable;
     use protocol::handles::PedalState;
+    use recording::Provenance;
 
     fn pedal(seq: u64) -> Item {
         Item::Pedal(PedalState { seq, instant_ns: seq, ..Zeroable::zeroed() })
@@ -181,10 +199,7 @@ mod tests {
             let config = cut.into_iter().map(|cut| (CUT.to_owned(), cut.to_owned())).collect();
             Provenance { rig_json: rig.into(), config, ..Provenance::default() }
         };
-        assert_eq!(difference(&provenance("a", None), &provenance("a", Some("5"))), None);
-        assert_eq!(
-            difference(&provenance("a", None), &provenance("b", None)).as_deref(),
-            Some("their rigs differ")
-        );
+        assert_eq!(provenance("a", None).difference(&provenance("a", Some("5"))), None);
+        assert_eq!(provenance("a", None).difference(&provenance("b", None)), Some("rigs"));
     }
 }

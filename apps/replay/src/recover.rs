@@ -3,14 +3,15 @@
 //! Every item that can be read is written to a new file, which is then read back and compared. Behind
 //! damage it goes on at the next good chunk, and a note stands where something is missing.
 
+use crate::new_recording::{NewRecording, claim};
 use anyhow::{Context, bail};
 use ipc::logging::{inform, warn};
 use outputs::exit::LOSS;
 use outputs::progress::bytes_bar;
-use outputs::{GrowingFile, Outputs, STDOUT};
+use outputs::{Outputs, STDOUT};
 use protocol::message::fnv1a;
 use protocol::time::Nanos;
-use recording::{Item, Note, Recording, RecordingError, Writer};
+use recording::{Item, Note, Recording, RecordingError, files_of};
 use settings::commands::RecoverArgs;
 use std::path::Path;
 use std::process::ExitCode;
@@ -39,7 +40,9 @@ pub fn run(args: &RecoverArgs) -> anyhow::Result<ExitCode> {
     if args.output == Path::new(STDOUT) {
         bail!("what is recovered is read back: give a file, not {STDOUT}");
     }
-    let mut output = Outputs::new(args.force.force).reading(&args.file).grow(&args.output)?;
+    let mut outputs = Outputs::new(args.force.force).reading_all(files_of(&args.file));
+    claim(&args.output, &args.writing, &mut outputs)?;
+    let output = NewRecording::begin(&args.output, &args.writing, &mut outputs)?;
     let (expected, problems) = copy(&recording, &output)?;
     output.appear()?;
     let found = read_back(&args.output).context("reading the output back")?;
@@ -57,8 +60,8 @@ pub fn run(args: &RecoverArgs) -> anyhow::Result<ExitCode> {
 }
 
 /// Copies what can be read; returns what was written, and the problems with their places.
-fn copy(recording: &Recording, output: &GrowingFile) -> anyhow::Result<(Tally, u64)> {
-    let mut writer = Writer::on(output.handle()?, output.path(), recording.provenance())?;
+fn copy(recording: &Recording, output: &NewRecording) -> anyhow::Result<(Tally, u64)> {
+    let mut writer = output.writer(recording.provenance())?;
     let (mut tally, mut problems) = (Tally::default(), 0);
     // Instant of the last item; before the first one notes of losses wait for it: a recording does not
     // begin at the machine's boot.
@@ -124,7 +127,8 @@ fn read_back(output: &Path) -> anyhow::Result<Tally> {
 mod tests {
     use super::*;
     use outputs::Force;
-    use recording::{NoteKind, Provenance};
+    use recording::{NoteKind, Provenance, Writer};
+    use settings::commands::WritingArgs;
 
     fn note(count: u64) -> Item {
         let text = format!("note {count} {}", "x".repeat(60));
@@ -142,7 +146,7 @@ mod tests {
     }
 
     fn copied(recording: &Recording, output: &Path) -> anyhow::Result<(Tally, u64)> {
-        let mut output = Outputs::new(true).grow(output)?;
+        let output = NewRecording::begin(output, &WritingArgs::default(), &mut Outputs::new(true))?;
         let copied = copy(recording, &output)?;
         output.appear()?;
         Ok(copied)
@@ -188,7 +192,7 @@ mod tests {
         let mut damaged = bytes.clone();
         damaged[ends[0] + 200..ends[1]].fill(0xa5);
         std::fs::write(&file, &damaged).unwrap();
-        let mut grown = Outputs::new(true).grow(&output).unwrap();
+        let grown = NewRecording::begin(&output, &WritingArgs::default(), &mut Outputs::new(true)).unwrap();
         let (tally, problems) = copy(&Recording::open(&file).unwrap(), &grown).unwrap();
         grown.appear().unwrap();
         assert!(problems > 0);
@@ -214,7 +218,8 @@ mod tests {
         let mut bytes = std::fs::read(&file).unwrap();
         bytes[items.bytes_read() as usize - 50] ^= 0x10;
         std::fs::write(&file, bytes).unwrap();
-        let args = RecoverArgs { file, output: output.clone(), force: Force::default() };
+        let writing = WritingArgs::default();
+        let args = RecoverArgs { file, output: output.clone(), writing, force: Force::default() };
         assert_eq!(run(&args).unwrap(), ExitCode::from(LOSS));
         let items: Vec<(Nanos, Item)> =
             Recording::open(&output).unwrap().items().collect::<Result<_, _>>().unwrap();
@@ -233,7 +238,8 @@ mod tests {
         let digit = bytes.windows(6).position(|w| w == b"1234.5").unwrap();
         bytes[digit] = b'9';
         std::fs::write(&file, &bytes).unwrap();
-        let args = RecoverArgs { file, output: output.clone(), force: Force::default() };
+        let writing = WritingArgs::default();
+        let args = RecoverArgs { file, output: output.clone(), writing, force: Force::default() };
         assert_eq!(run(&args).unwrap(), ExitCode::from(LOSS));
         let losses = Recording::open(&output).unwrap().items().filter(
             |item| matches!(item, Ok((_, Item::Note(n))) if n.kind == NoteKind::Loss && n.text.contains("rig")),
@@ -249,7 +255,9 @@ mod tests {
         let (tally, problems) = copied(&Recording::open(&file).unwrap(), &output).unwrap();
         assert_eq!((tally.items, problems), (200, 0));
         assert_eq!(read_back(&output).unwrap(), tally);
-        let onto_itself = RecoverArgs { file: file.clone(), output: file, force: Force { force: true } };
+        let writing = WritingArgs::default();
+        let onto_itself =
+            RecoverArgs { file: file.clone(), output: file, writing, force: Force { force: true } };
         assert!(run(&onto_itself).is_err());
     }
 }

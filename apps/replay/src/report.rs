@@ -99,7 +99,7 @@ impl Products {
     /// # Errors
     /// Where a file is refused.
     pub fn open(args: &ReplayArgs, rig: &Rig) -> anyhow::Result<Self> {
-        let mut outputs = Outputs::new(args.force.force).reading(&args.file);
+        let mut outputs = Outputs::new(args.force.force).reading_all(recording::files_of(&args.file));
         for path in [&args.poses, &args.blobs, &args.report].into_iter().flatten() {
             outputs.claim(path)?;
         }

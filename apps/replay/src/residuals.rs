@@ -55,7 +55,7 @@ impl Figures<'_> {
 pub fn run(args: &ResidualsArgs) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
     let rig = rig_of(&recording)?;
-    let mut outputs = Outputs::new(args.force.force).reading(&args.file);
+    let mut outputs = Outputs::new(args.force.force).reading_all(recording::files_of(&args.file));
     let format = args.plot.as_deref().map(Format::of).transpose()?;
     args.plot.iter().try_for_each(|plot| outputs.claim(plot))?;
     let (mut table, mut grid, mut frames) = (ResidualTable::default(), chart::Grid::new(&rig), 0);

@@ -4,6 +4,7 @@ use anyhow::{Context, bail};
 use ipc::logging::{inform, warn, with_causes};
 use outputs::exit::LOSS;
 use outputs::{Outputs, print, println, save};
+use recording::files_of;
 use results::attempt::sha256_of;
 use results::keeping::{self, ending, keys};
 use results::store::{Filter, NamedRecording, Reading};
@@ -98,7 +99,8 @@ fn delete(
         }
     };
     let mut code = ExitCode::SUCCESS;
-    for recording in recordings.iter().filter(|r| Path::new(&r.path).exists()) {
+    let is_there = |r: &&NamedRecording| files_of(Path::new(&r.path)).iter().any(|file| file.exists());
+    for recording in recordings.iter().filter(is_there) {
         let path = &recording.path;
         match with_recordings.then(|| delete_recording(recording)) {
             None => println!("left in place (--recordings deletes it): {path}"),
@@ -133,7 +135,8 @@ fn delete_recording(recording: &NamedRecording) -> anyhow::Result<()> {
     if recording.sha256.as_ref().is_none_or(|known| sha256_of(path).is_ok_and(|found| found != *known)) {
         bail!("the file of that name is another one than the attempt's recording");
     }
-    Ok(std::fs::remove_file(path)?)
+    // All parts of one that was written in parts.
+    Ok(files_of(path).iter().try_for_each(std::fs::remove_file)?)
 }
 
 fn show(args: &ResultsArgs) -> anyhow::Result<ExitCode> {

@@ -45,7 +45,8 @@ pub struct Row {
 /// # Errors
 /// Where a recording or a value is refused, or an output cannot be written.
 pub fn run(args: &SweepArgs) -> anyhow::Result<ExitCode> {
-    let mut outputs = Outputs::new(args.force.force).reading_all(&args.files);
+    let mut outputs = Outputs::new(args.force.force)
+        .reading_all(args.files.iter().flat_map(|file| recording::files_of(file)));
     for path in [&args.parquet, &args.plot].into_iter().flatten() {
         outputs.claim(path)?;
     }

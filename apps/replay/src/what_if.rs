@@ -11,17 +11,18 @@
 pub mod keys;
 pub mod outcome;
 
+use crate::new_recording::{NewRecording, claim};
 use crate::resimulate::scene_of;
 use anyhow::{Context, bail};
 use ipc::logging::{inform, warn};
 use keys::{SCENE, TRACKER, assign, tuning_of};
 use outcome::{Outcome, Setting};
+use outputs::Outputs;
 use outputs::exit::{LOSS, WrongUse};
 use outputs::progress::counter;
-use outputs::{GrowingFile, Outputs};
 use protocol::file::{MAX_SETTINGS_BYTES, read_text};
 use protocol::steps::STATE_HASH_VERSION;
-use recording::{DESK, Provenance, Recording, STATE_HASH, Source, TRACKER_VERSION, Writer};
+use recording::{DESK, Provenance, Recording, STATE_HASH, Source, TRACKER_VERSION, files_of};
 use rig::Rig;
 use scene::SceneFile;
 use settings::commands::{ReplayArgs, WhatIfArgs};
@@ -41,13 +42,13 @@ pub const CHANGED: &str = "what-if.changed";
 /// Where recording, rig, scene or a setting is refused, or the output cannot be written.
 pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let Some(path) = &args.what_if.output else { bail!("--output is missing") };
-    let mut outputs = Outputs::new(args.force.force).reading(&args.file);
+    let mut outputs = Outputs::new(args.force.force).reading_all(files_of(&args.file));
     outputs = outputs.reading_all(args.what_if.rig.iter());
     outputs = outputs.reading_all(args.what_if.scene.iter());
-    outputs.claim(path)?;
+    claim(path, &args.writing, &mut outputs)?;
     let recording = Recording::open(&args.file)?;
     let setting = setting(&recording, &args.what_if)?;
-    let mut output = outputs.grow(path)?;
+    let output = NewRecording::begin(path, &args.writing, &mut outputs)?;
     let done = write(&recording, &setting, &output)?;
     output.appear()?;
     inform(&format!(
@@ -64,9 +65,9 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
 }
 
 /// Writes what comes of a recording.
-fn write(recording: &Recording, setting: &Setting, output: &GrowingFile) -> anyhow::Result<outcome::Done> {
+fn write(recording: &Recording, setting: &Setting, output: &NewRecording) -> anyhow::Result<outcome::Done> {
     let bar = counter("steps");
-    let mut writer = Writer::on(output.handle()?, output.path(), &setting.provenance)?;
+    let mut writer = output.writer(&setting.provenance)?;
     let done = Outcome::new(recording, setting)?.run(|at, item| {
         if matches!(item, recording::Item::Step(_)) {
             bar.inc(1);

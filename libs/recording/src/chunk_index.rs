@@ -4,8 +4,10 @@
 //! or whose summary does not match its checksum, is read through once.
 
 use super::data_section::DataSection;
+use super::file_items::Topics;
 use super::heads::{self, CheckpointHead};
 use super::items::{Items, Place};
+use super::parts::RecordedFile;
 use super::read::Recording;
 use super::records::{FRAME_BYTES, Records};
 use super::{Item, RecordingError, channel_numbers};
@@ -13,7 +15,7 @@ use mcap::MAGIC;
 use mcap::parse_record;
 use mcap::records::{Record, op};
 use protocol::time::Nanos;
-use std::collections::HashMap;
+use std::path::Path;
 use std::sync::Arc;
 
 /// Footer and magic at the end of a file, bytes.
@@ -30,14 +32,18 @@ const PIECE_BYTES: usize = 1 << 20;
 #[derive(Debug, Clone)]
 pub struct ChunkIndex {
     chunks: Vec<Chunk>,
-    /// Topics by channel.
-    topics: Arc<HashMap<u16, &'static str>>,
+    /// Topics by channel, of each file up to the one that is looked at.
+    topics: Vec<Arc<Topics>>,
     from_summary: bool,
+    /// What log times in the file are ahead of the instants by which items are filed, ns.
+    realtime_offset_ns: u64,
 }
 
 /// One chunk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Chunk {
+    /// Which of the recording's files.
+    file: usize,
     /// Where reading it begins, bytes from the start of the file.
     pub offset: u64,
     /// Newest log time in it and in all chunks before it, ns.
@@ -77,22 +83,34 @@ impl ChunkIndex {
 
     /// The place at the beginning of a chunk, to read all topics from there.
     pub fn place(&self, chunk: usize) -> Option<Place> {
-        Some(Place::at(self.chunks.get(chunk)?.offset, Arc::clone(&self.topics)))
+        let Chunk { file, offset, .. } = *self.chunks.get(chunk)?;
+        Some(Place::at(file, offset, Arc::clone(&self.topics[file])))
     }
 
     fn push(&mut self, offset: u64, newest_ns: Nanos, topics: u16) {
         let before = self.chunks.last().map_or(0, |chunk| chunk.newest_ns);
-        self.chunks.push(Chunk { offset, newest_ns: newest_ns.max(before), topics });
+        // A chunk without messages is of no time.
+        let newest_ns = newest_ns.saturating_sub(self.realtime_offset_ns);
+        let file = self.topics.len().saturating_sub(1);
+        self.chunks.push(Chunk { file, offset, newest_ns: newest_ns.max(before), topics });
     }
 
     fn bit(&self, channel: u16) -> u16 {
-        let topic = self.topics.get(&channel);
+        let topic = self.topics.last().and_then(|topics| topics.get(&channel));
         topic.and_then(|topic| Item::TOPICS.iter().position(|t| t == topic)).map_or(0, |i| 1 << i)
+    }
+
+    /// Forgets what was found in the present file.
+    fn begin_file_again(&mut self) {
+        let file = self.topics.len().saturating_sub(1);
+        self.chunks.retain(|chunk| chunk.file < file);
+        self.topics.iter_mut().skip(file).for_each(|topics| *topics = Arc::default());
     }
 
     fn note_channel(&mut self, channel: &mcap::records::Channel) {
         if let Some(topic) = Item::TOPICS.iter().find(|topic| **topic == channel.topic) {
-            Arc::make_mut(&mut self.topics).insert(channel.id, *topic);
+            let topics = self.topics.last_mut().expect("a file is looked at");
+            Arc::make_mut(topics).insert(channel.id, *topic);
         }
     }
 }
@@ -103,12 +121,25 @@ impl Recording {
     /// # Errors
     /// Those of the operating system. What is damaged is left out, and met again by whoever reads there.
     pub fn chunk_index(&self) -> Result<ChunkIndex, RecordingError> {
-        let mut index = ChunkIndex { chunks: Vec::new(), topics: Arc::default(), from_summary: true };
-        let summary = self.summary()?;
-        match summary.and_then(|summary| read_summary(&summary, &mut index)) {
-            Some(()) => Ok(index),
-            None => self.scan(),
+        let mut index = self.empty_index();
+        for file in self.files.iter() {
+            index.topics.push(Arc::default());
+            if file.is_lost() {
+                continue;
+            }
+            let summary = summary_of(&file.path)?;
+            if summary.and_then(|summary| read_summary(&summary, &mut index)).is_none() {
+                index.begin_file_again();
+                scan(file, &mut index)?;
+            }
         }
+        Ok(index)
+    }
+
+    /// The index of no file.
+    fn empty_index(&self) -> ChunkIndex {
+        let realtime_offset_ns = self.provenance.realtime_offset_ns();
+        ChunkIndex { chunks: Vec::new(), topics: Vec::new(), from_summary: true, realtime_offset_ns }
     }
 
     /// All items from a place on.
@@ -143,90 +174,126 @@ impl Recording {
         &self,
         index: &ChunkIndex,
     ) -> Result<Vec<(usize, CheckpointHead)>, RecordingError> {
-        let io = |problem| RecordingError::Io { file: self.path().display().to_string(), problem };
-        let channels = index.topics.iter().filter(|(_, topic)| **topic == CHECKPOINTS);
-        let channels: Vec<u16> = channels.map(|(channel, _)| *channel).collect();
-        let file = protocol::file::open(self.path()).map_err(io)?.into_inner();
-        let length = file.metadata().map_err(io)?.len();
-        let mut all = Vec::new();
+        let (mut all, mut opened) = (Vec::new(), None);
         for chunk in index.holding(CHECKPOINTS) {
-            let heads = heads::of_chunk(&file, length, index.chunks[chunk].offset, &channels).map_err(io)?;
-            all.extend(heads.into_iter().map(|head| (chunk, head)));
+            let Chunk { file: number, offset, .. } = index.chunks[chunk];
+            let of = &self.files[number];
+            let io = |problem| RecordingError::Io { file: of.path.display().to_string(), problem };
+            let file = match opened.take() {
+                Some((before, file)) if before == number => file,
+                _ => protocol::file::open(&of.path).map_err(io)?.into_inner(),
+            };
+            let length = file.metadata().map_err(io)?.len();
+            let topics = &index.topics[number];
+            let wanted = |channel: u16, sequence: u32| {
+                topics.get(&channel) == Some(&CHECKPOINTS) && of.kept.holds(CHECKPOINTS, sequence)
+            };
+            let heads = heads::of_chunk(&file, length, offset, wanted).map_err(io)?;
+            all.extend(heads.into_iter().map(|head| {
+                let log_time_ns = head.log_time_ns.wrapping_sub(index.realtime_offset_ns);
+                (chunk, CheckpointHead { log_time_ns, ..head })
+            }));
+            opened = Some((number, file));
         }
         Ok(all)
     }
 
-    /// True if the file was closed in order and matches the checksums at its end: then nothing of it is
+    /// True if every file of it was closed in order and matches the checksums at its end: then nothing of it is
     /// damaged or missing.
     ///
     /// # Errors
     /// Those of the operating system.
     pub fn matches_checksum(&self) -> Result<bool, RecordingError> {
-        let Some(summary) = self.summary()? else { return Ok(false) };
-        let mut records = Records::open(self.path())?;
-        let end = (records.length - summary.len() as u64).saturating_sub(DATA_END_BYTES);
-        let mut piece = vec![0; PIECE_BYTES];
-        while records.offset < end {
-            let there = &mut piece[..PIECE_BYTES.min((end - records.offset) as usize)];
-            records.read(there)?;
-            records.crc.update(there);
-        }
-        let mut frame = [0; DATA_END_BYTES as usize];
-        records.read(&mut frame)?;
-        let sum = records.crc.finalize().to_le_bytes();
-        Ok(frame[0] == op::DATA_END && frame[FRAME_BYTES as usize..] == sum)
-    }
-
-    /// The end of the file from the summary's first record on; `None` where there is none, or it does not
-    /// match its checksum.
-    fn summary(&self) -> Result<Option<Vec<u8>>, RecordingError> {
-        let mut records = Records::open(self.path())?;
-        if !records.has_footer()? {
-            return Ok(None);
-        }
-        let mut start = [0; 8];
-        records.seek(records.length - TAIL_BYTES + FRAME_BYTES)?;
-        records.read(&mut start)?;
-        let start = u64::from_le_bytes(start);
-        if start < MAGIC.len() as u64 || start >= records.length - TAIL_BYTES {
-            return Ok(None);
-        }
-        let mut summary = vec![0; (records.length - start) as usize];
-        records.seek(start)?;
-        records.read(&mut summary)?;
-        let (covered, tail) = summary.split_at(summary.len() - 4 - MAGIC.len());
-        let sum = u32::from_le_bytes([tail[0], tail[1], tail[2], tail[3]]);
-        Ok((sum == crc32fast::hash(covered)).then_some(summary))
-    }
-
-    /// Reads the whole file.
-    fn scan(&self) -> Result<ChunkIndex, RecordingError> {
-        let mut section = Records::open(self.path()).and_then(DataSection::new)?;
-        let all = channel_numbers().zip(Item::TOPICS).collect();
-        let mut index = ChunkIndex { chunks: Vec::new(), topics: Arc::new(all), from_summary: false };
-        let mut offset = section.records.offset;
-        loop {
-            let found = match section.next_chunk() {
-                Ok(Some(found)) => found,
-                Ok(None) => return Ok(index),
-                Err(problem @ RecordingError::Io { .. }) => return Err(problem),
-                // Whoever reads from there meets the damage too, as if he had come from the beginning.
-                Err(_) => continue,
-            };
-            let (mut newest_ns, mut topics) = (0, 0);
-            for record in &found {
-                match record {
-                    Record::Channel(channel) => index.note_channel(channel),
-                    Record::Message { header, .. } => {
-                        newest_ns = header.log_time.max(newest_ns);
-                        topics |= index.bit(header.channel_id);
-                    }
-                    _ => {}
-                }
+        for file in self.files.iter() {
+            if file.is_lost() || !matches_checksum(&file.path)? {
+                return Ok(false);
             }
-            index.push(offset, newest_ns, topics);
-            offset = section.records.offset;
         }
+        Ok(true)
+    }
+}
+
+/// True if a file was closed in order and matches the checksums at its end.
+fn matches_checksum(path: &Path) -> Result<bool, RecordingError> {
+    let Some(summary) = summary_of(path)? else { return Ok(false) };
+    let mut records = Records::open(path)?;
+    let end = (records.length - summary.len() as u64).saturating_sub(DATA_END_BYTES);
+    let mut piece = vec![0; PIECE_BYTES];
+    while records.offset < end {
+        let there = &mut piece[..PIECE_BYTES.min((end - records.offset) as usize)];
+        records.read(there)?;
+        records.crc.update(there);
+    }
+    let mut frame = [0; DATA_END_BYTES as usize];
+    records.read(&mut frame)?;
+    let sum = records.crc.finalize().to_le_bytes();
+    Ok(frame[0] == op::DATA_END && frame[FRAME_BYTES as usize..] == sum)
+}
+
+/// True if the summary of a file lists a metadata record of this name.
+///
+/// # Errors
+/// Those of the operating system.
+pub(super) fn holds_metadata(path: &Path, name: &str) -> Result<bool, RecordingError> {
+    let Some(summary) = summary_of(path)? else { return Ok(false) };
+    let is_it = |(opcode, body): (u8, &[u8])| match parse_record(opcode, body) {
+        Ok(Record::MetadataIndex(index)) => index.name == name,
+        _ => false,
+    };
+    Ok(records_of(&summary).filter(|(opcode, _)| *opcode == op::METADATA_INDEX).any(is_it))
+}
+
+/// The end of a file from the summary's first record on; `None` where there is none, or it does not match its
+/// checksum.
+fn summary_of(path: &Path) -> Result<Option<Vec<u8>>, RecordingError> {
+    let mut records = Records::open(path)?;
+    if !records.has_footer()? {
+        return Ok(None);
+    }
+    let mut start = [0; 8];
+    records.seek(records.length - TAIL_BYTES + FRAME_BYTES)?;
+    records.read(&mut start)?;
+    let start = u64::from_le_bytes(start);
+    if start < MAGIC.len() as u64 || start >= records.length - TAIL_BYTES {
+        return Ok(None);
+    }
+    let mut summary = vec![0; (records.length - start) as usize];
+    records.seek(start)?;
+    records.read(&mut summary)?;
+    let (covered, tail) = summary.split_at(summary.len() - 4 - MAGIC.len());
+    let sum = u32::from_le_bytes([tail[0], tail[1], tail[2], tail[3]]);
+    Ok((sum == crc32fast::hash(covered)).then_some(summary))
+}
+
+/// Reads a whole file for its chunks.
+fn scan(file: &RecordedFile, index: &mut ChunkIndex) -> Result<(), RecordingError> {
+    let mut section = Records::open(&file.path).and_then(DataSection::new)?;
+    index.from_summary = false;
+    if let Some(topics) = index.topics.last_mut() {
+        *topics = Arc::new(channel_numbers().zip(Item::TOPICS).collect());
+    }
+    let mut offset = section.records.offset;
+    loop {
+        let found = match section.next_chunk() {
+            Ok(Some(found)) => found,
+            Ok(None) => return Ok(()),
+            Err(problem @ RecordingError::Io { .. }) => return Err(problem),
+            // Whoever reads from there meets the damage too, as if he had come from the beginning.
+            Err(_) => continue,
+        };
+        let (mut newest_ns, mut topics) = (0, 0);
+        for record in &found {
+            match record {
+                Record::Channel(channel) => index.note_channel(channel),
+                Record::Message { header, .. } => {
+                    newest_ns = header.log_time.max(newest_ns);
+                    topics |= index.bit(header.channel_id);
+                }
+                _ => {}
+            }
+        }
+        index.push(offset, newest_ns, topics);
+        offset = section.records.offset;
     }
 }
 
@@ -260,7 +327,8 @@ fn read_summary(summary: &[u8], index: &mut ChunkIndex) -> Option<()> {
         let map_bytes = u32::from_le_bytes(body.get(32..36)?.try_into().ok()?) as usize;
         let map = body.get(36..)?.get(..map_bytes)?.chunks_exact(10);
         let topics = map.fold(0, |bits, entry| bits | index.bit(u16::from_le_bytes([entry[0], entry[1]])));
-        if index.chunks.last().is_some_and(|before| before.offset >= offset) {
+        let file = index.topics.len().saturating_sub(1);
+        if index.chunks.last().is_some_and(|before| before.file == file && before.offset >= offset) {
             return None;
         }
         index.push(offset, newest_ns, topics);
@@ -280,141 +348,4 @@ fn records_of(mut bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::samples::any_item;
-    use super::super::{Note, NoteKind, Provenance, Writer};
-    use super::*;
-    use proptest::prelude::*;
-    use protocol::steps::CheckpointHeader;
-    use std::path::Path;
-
-    fn note(count: u64) -> Item {
-        let text = "x".repeat(900);
-        Item::Note(Note { instant_ns: 5, kind: NoteKind::Log, process: None, count, text })
-    }
-
-    fn checkpoint(step: u64) -> Item {
-        let header = CheckpointHeader {
-            step,
-            field: step + 7,
-            handles_below: 1,
-            pedals_below: 2,
-            state_hash: !step,
-            bytes: 0,
-        };
-        // Larger than a chunk, and hardly to be packed.
-        let state: Vec<u8> = (0..60_000u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
-        Item::Checkpoint(CheckpointHeader { bytes: state.len() as u64, ..header }, state)
-    }
-
-    /// A file with a checkpoint among every 40 notes; item `i` is of 1000 + i ns.
-    fn written(path: &Path) -> Vec<Item> {
-        let mut writer = Writer::create(path, &Provenance::default()).unwrap();
-        let items: Vec<_> = (0..400).map(|i| if i % 40 == 13 { checkpoint(i) } else { note(i) }).collect();
-        (1000..).zip(&items).for_each(|(at, item)| writer.write(at, item).unwrap());
-        writer.finish().unwrap();
-        items
-    }
-
-    fn encoded(items: impl Iterator<Item = (Nanos, Item)>) -> Vec<(Nanos, Vec<u8>)> {
-        items.map(|(at, item)| (at, item.encoded())).collect()
-    }
-
-    /// All that a file's index leads to is what reading it in order gives.
-    fn agrees(path: &Path) -> Result<ChunkIndex, TestCaseError> {
-        let recording = Recording::open(path).unwrap();
-        let index = recording.chunk_index().unwrap();
-        let whole = encoded(recording.items().filter_map(Result::ok));
-        for i in 0..index.chunks().len() {
-            let from = recording.items_from(&index.place(i).unwrap());
-            let rest = encoded(from.filter_map(Result::ok));
-            prop_assert!(whole.ends_with(&rest), "from chunk {}", i);
-            let at = index.chunks()[i].newest_ns;
-            let later = whole.iter().position(|(time, _)| *time >= at).unwrap_or(whole.len());
-            prop_assert!(whole.len() - rest.len() <= later || i > index.first_with(at));
-        }
-        prop_assert_eq!(index.first_with(u64::MAX), index.chunks().len());
-        Ok(index)
-    }
-
-    #[test]
-    fn the_summary_says_what_a_scan_finds() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.mcap");
-        let items = written(&path);
-        let recording = Recording::open(&path).unwrap();
-        let (index, scanned) = (agrees(&path).unwrap(), recording.scan().unwrap());
-        assert!(recording.matches_checksum().unwrap());
-        assert!(index.is_from_summary() && !scanned.is_from_summary());
-        let of = |index: &ChunkIndex| {
-            index.chunks().iter().map(|c| (c.newest_ns, c.topics)).filter(|c| c.1 > 0).collect::<Vec<_>>()
-        };
-        assert_eq!(of(&index), of(&scanned));
-        let heads = |index: &ChunkIndex| {
-            let heads = recording.checkpoint_heads(index).unwrap();
-            heads.into_iter().map(|(_, head)| head).collect::<Vec<_>>()
-        };
-        let expected: Vec<_> = (1000..)
-            .zip(&items)
-            .filter_map(|(at, item)| match item {
-                Item::Checkpoint(header, _) => Some((at, CheckpointHeader { bytes: 0, ..*header })),
-                _ => None,
-            })
-            .collect();
-        let found = heads(&index).into_iter().map(|head| (head.log_time_ns, head.header));
-        assert!(found.eq(expected.iter().copied()) && expected.len() == 10);
-        assert_eq!(heads(&index), heads(&scanned));
-        let chunk = index.holding("checkpoints").nth(3).unwrap();
-        let read = recording.items_of_chunk(&index, chunk, &["checkpoints"]).unwrap();
-        assert_eq!(encoded(read.into_iter()), [(1133, items[133].encoded())]);
-    }
-
-    #[test]
-    fn a_file_that_was_not_closed_is_scanned() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.mcap");
-        written(&path);
-        let bytes = std::fs::read(&path).unwrap();
-        std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
-        let index = agrees(&path).unwrap();
-        assert!(!index.is_from_summary() && index.chunks().len() > 5);
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..Default::default() })]
-
-        #[test]
-        fn any_items_are_found_from_any_chunk(items in prop::collection::vec((0u64..50, any_item()), 0..40)) {
-            let folder = tempfile::tempdir().unwrap();
-            let path = folder.path().join("a.mcap");
-            let mut writer = Writer::create(&path, &Provenance::default()).unwrap();
-            items.iter().for_each(|(at, item)| writer.write(*at, item).unwrap());
-            writer.finish().unwrap();
-            agrees(&path)?;
-        }
-
-        #[test]
-        fn damage_never_panics_and_leaves_true_items(
-            hits in prop::collection::vec((any::<prop::sample::Index>(), 1u8..), 1..5),
-            cut in prop::option::of(any::<prop::sample::Index>()),
-        ) {
-            let folder = tempfile::tempdir().unwrap();
-            let path = folder.path().join("a.mcap");
-            written(&path);
-            let mut bytes = std::fs::read(&path).unwrap();
-            for (at, xor) in hits {
-                let at = at.index(bytes.len());
-                bytes[at] ^= xor;
-            }
-            cut.iter().for_each(|at| bytes.truncate(at.index(bytes.len())));
-            std::fs::write(&path, &bytes).unwrap();
-            let Ok(recording) = Recording::open(&path) else { return Ok(()) };
-            prop_assert!(!recording.matches_checksum().unwrap());
-            let index = agrees(&path)?;
-            drop(recording.checkpoint_heads(&index));
-            for i in 0..index.chunks().len() {
-                drop(recording.items_of_chunk(&index, i, &["checkpoints"]));
-            }
-        }
-    }
-}
+mod tests;

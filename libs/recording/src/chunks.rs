@@ -113,6 +113,12 @@ impl Chunks {
         if self.count >= self.most { self.renew() } else { Ok(()) }
     }
 
+    /// Closes the open chunk, and puts a metadata record behind it.
+    pub fn note(&mut self, metadata: &Metadata) -> McapResult<()> {
+        self.flush()?;
+        self.mcap.write_metadata(metadata)
+    }
+
     /// What is to be written next: whole chunks with their message indexes.
     pub fn take(&mut self) -> Vec<u8> {
         let piece = self.sink.take();
@@ -148,10 +154,9 @@ impl Chunks {
 
 fn add_channels(mcap: &mut mcap::Writer<Sink>) -> McapResult<Channels> {
     let none = BTreeMap::new();
-    let descriptors = descriptors::file_descriptor_set();
     let (mut channels, mut viewers) = ([0; Item::TOPICS.len()], [0; viewer_messages::TOPICS.len()]);
     let mut add = |mcap: &mut mcap::Writer<Sink>, i: usize| {
-        let schema = mcap.add_schema(&message_name(i), "protobuf", &descriptors)?;
+        let schema = mcap.add_schema(&message_name(i), "protobuf", &descriptors::file_descriptor_set(i))?;
         channels[i] = mcap.add_channel(schema, Item::TOPICS[i], "protobuf", &none)?;
         McapResult::Ok(())
     };

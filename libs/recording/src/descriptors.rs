@@ -1,4 +1,4 @@
-//! Protobuf descriptors of all messages, which a recording carries as their schema.
+//! Protobuf descriptors of the messages, which a recording carries as their schemas.
 //!
 //! Made from the layouts of the blocks; numbers are those of Google's `descriptor.proto`.
 
@@ -30,17 +30,17 @@ struct Descriptor<'a> {
     type_name: Option<&'a str>,
 }
 
-/// The encoded `FileDescriptorSet` of one file with every message.
-pub(super) fn file_descriptor_set() -> Vec<u8> {
+/// The encoded `FileDescriptorSet` of one file with the message of a topic, and with those that it consists of.
+/// All messages in each schema would be nine tenths of a short recording.
+pub(super) fn file_descriptor_set(topic: usize) -> Vec<u8> {
     let mut out = Vec::new();
     put_message(&mut out, 1, |out| {
         put_bytes(out, 1, b"vitreo.proto");
         put_bytes(out, 2, PACKAGE.as_bytes());
-        let mut done = Vec::new();
-        for layout in LAYOUTS.into_iter().flatten() {
-            put_layout(out, layout, &mut done);
+        match LAYOUTS[topic] {
+            Some(layout) => put_layout(out, layout, &mut Vec::new()),
+            None => put_note(out),
         }
-        put_note(out);
         put_bytes(out, 12, b"proto3");
     });
     out

@@ -1,7 +1,7 @@
 //! Full, slow and failing disks under a writer.
 
 use super::disk::{Carry, Medium};
-use super::{Item, Note, NoteKind, Provenance, Recording, Writer};
+use super::{Item, Note, NoteKind, Packing, Provenance, Recording, Writer};
 use std::fs::File;
 use std::io;
 use std::sync::{Arc, Mutex, mpsc};
@@ -65,7 +65,8 @@ fn fake(room: usize) -> (Writer, Arc<Mutex<State>>, mpsc::Receiver<usize>) {
     let state = Arc::new(Mutex::new(State { room, ..State::default() }));
     let (told, syncs) = mpsc::channel();
     let medium = Fake { state: Arc::clone(&state), told };
-    let writer = Writer::begin("/full/a.mcap".into(), Box::new(medium), &Provenance::default()).unwrap();
+    let (path, provenance) = ("/full/a.mcap".into(), Provenance::default());
+    let writer = Writer::begin(path, Box::new(medium), &provenance, Packing::default(), None).unwrap();
     (writer, state, syncs)
 }
 

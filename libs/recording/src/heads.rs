@@ -1,5 +1,6 @@
 //! Headers of checkpoints, read without unpacking what they hold: a chunk is unpacked up to them only.
 
+use super::packing::Packing;
 use super::protobuf::{self, Fields};
 use super::records::{FRAME_BYTES, chunk_bytes};
 use bytemuck::Zeroable;
@@ -31,14 +32,14 @@ pub struct CheckpointHead {
     pub header: CheckpointHeader,
 }
 
-/// A part of a file.
-struct Part<'a> {
+/// A stretch of a file.
+struct Stretch<'a> {
     file: &'a File,
     from: u64,
     to: u64,
 }
 
-impl Read for Part<'_> {
+impl Read for Stretch<'_> {
     fn read(&mut self, room: &mut [u8]) -> io::Result<usize> {
         let most = room.len().min(usize::try_from(self.to - self.from).unwrap_or(usize::MAX));
         let read = self.file.read_at(&mut room[..most], self.from)?;
@@ -47,22 +48,25 @@ impl Read for Part<'_> {
     }
 }
 
-/// Those in the chunk at `offset` of a file of `length` bytes, as far as it can be read.
+/// Those in the chunk at `offset` of a file of `length` bytes, as far as it can be read, of the messages that
+/// are `wanted` by their channel and number.
 pub(super) fn of_chunk(
     file: &File,
     length: u64,
     offset: u64,
-    channels: &[u16],
+    wanted: impl Fn(u16, u32) -> bool,
 ) -> io::Result<Vec<CheckpointHead>> {
     let mut found = Vec::new();
     let Some(chunk) = chunk_at(file, length, offset)? else { return Ok(found) };
-    let Packed { from, to, plain_bytes, compressed } = chunk;
-    let packed = BufReader::with_capacity(BUFFER, Part { file, from, to });
+    let Packed { from, to, plain_bytes, packing } = chunk;
+    let packed = BufReader::with_capacity(BUFFER, Stretch { file, from, to });
+    let mut take = |plain: &mut dyn BufRead| take(plain, plain_bytes, &wanted, &mut found);
     // What cannot be unpacked is damaged, and found to be so by whoever reads it all.
-    let _ = match compressed {
-        true => zstd::stream::read::Decoder::with_buffer(packed)
-            .and_then(|plain| take(BufReader::new(plain), plain_bytes, channels, &mut found)),
-        false => take(packed, plain_bytes, channels, &mut found),
+    let _ = match packing {
+        Packing::Zstd => zstd::stream::read::Decoder::with_buffer(packed)
+            .and_then(|plain| take(&mut BufReader::new(plain))),
+        Packing::Lz4 => lz4::Decoder::new(packed).and_then(|plain| take(&mut BufReader::new(plain))),
+        Packing::None => take(&mut { packed }),
     };
     Ok(found)
 }
@@ -73,7 +77,7 @@ struct Packed {
     to: u64,
     /// Bytes once unpacked.
     plain_bytes: u64,
-    compressed: bool,
+    packing: Packing,
 }
 
 /// Finds the records of the chunk at `offset` or behind the indexes there.
@@ -96,22 +100,18 @@ fn chunk_at(file: &File, length: u64, mut offset: u64) -> io::Result<Option<Pack
         }
         let name_bytes = u32::from_le_bytes(body[28..32].try_into().expect("four bytes")) as usize;
         let plain_bytes = u64::from_le_bytes(body[16..24].try_into().expect("eight bytes"));
-        let compressed = match &body[32..32 + name_bytes] {
-            b"" => false,
-            b"zstd" => true,
-            _ => return Ok(None),
-        };
+        let Some(packing) = Packing::of_chunk(&body[32..32 + name_bytes]) else { return Ok(None) };
         let from = offset + FRAME_BYTES + (CHUNK_HEADER_BYTES + name_bytes) as u64;
-        return Ok(Some(Packed { from, to, plain_bytes, compressed }));
+        return Ok(Some(Packed { from, to, plain_bytes, packing }));
     }
     Ok(None)
 }
 
 /// Takes the headers from the records of a chunk.
 fn take(
-    mut plain: impl BufRead,
+    mut plain: &mut dyn BufRead,
     plain_bytes: u64,
-    channels: &[u16],
+    wanted: &dyn Fn(u16, u32) -> bool,
     found: &mut Vec<CheckpointHead>,
 ) -> io::Result<()> {
     let (mut frame, mut end) = ([0; FRAME_BYTES as usize], 0u64);
@@ -122,8 +122,8 @@ fn take(
         end = end.saturating_add(FRAME_BYTES).saturating_add(size);
         let mut head = Vec::new();
         if opcode == op::MESSAGE {
-            plain.by_ref().take(size.min(HEAD_BYTES)).read_to_end(&mut head)?;
-            found.extend(head_of(&head, channels));
+            Read::take(&mut plain, size.min(HEAD_BYTES)).read_to_end(&mut head)?;
+            found.extend(head_of(&head, wanted));
         }
         let mut rest = size - head.len() as u64;
         while rest > 0 && end < plain_bytes {
@@ -138,9 +138,10 @@ fn take(
     Ok(())
 }
 
-fn head_of(message: &[u8], channels: &[u16]) -> Option<CheckpointHead> {
+fn head_of(message: &[u8], wanted: &dyn Fn(u16, u32) -> bool) -> Option<CheckpointHead> {
     let (about, data) = message.split_at_checked(MESSAGE_HEADER_BYTES)?;
-    if !channels.contains(&u16::from_le_bytes([about[0], about[1]])) {
+    let (channel, sequence) = (u16::from_le_bytes([about[0], about[1]]), about[2..6].try_into().ok()?);
+    if !wanted(channel, u32::from_le_bytes(sequence)) {
         return None;
     }
     let log_time_ns = u64::from_le_bytes(about[6..14].try_into().ok()?);

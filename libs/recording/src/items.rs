@@ -1,198 +1,92 @@
-//! The items of a recording, one after the other, from its beginning or from a place where they were
-//! read before.
+//! The items of a recording, one after the other, through all its files, from its beginning or from a place
+//! where they were read before.
 
-use super::data_section::{DataSection, SectionPlace};
-use super::records::Records;
-use super::{Item, RecordingError, channel_numbers, record};
-use mcap::records::Record;
+use super::file_items::{FileItems, FilePlace, Topics};
+use super::parts::RecordedFile;
+use super::{Item, RecordingError};
 use protocol::time::Nanos;
-use std::collections::{HashMap, VecDeque};
-use std::path::Path;
 use std::sync::Arc;
 
 /// How far the items of a recording were read: small, and to be kept as often as one likes. Of use as
-/// long as the file stays as it is.
+/// long as its files stay as they are.
 #[derive(Debug, Clone)]
 pub struct Place {
-    wanted: Arc<[&'static str]>,
-    topics: Arc<Topics>,
-    channels_known: bool,
-    /// Where the present chunk begins; `None` in a file that cannot be read.
-    section: Option<SectionPlace>,
-    /// Items and errors that were given out since.
-    given: u64,
+    /// Which of the files.
+    file: usize,
+    within: FilePlace,
 }
 
 impl Place {
-    /// At a chunk of which nothing before it has been read, for all topics.
-    pub(super) fn at(offset: u64, topics: Arc<Topics>) -> Self {
-        let wanted = Item::TOPICS[..].into();
-        let section = Some(SectionPlace::at(offset));
-        Place { wanted, topics, channels_known: true, section, given: 0 }
+    /// At a chunk of a file of which nothing before it has been read, for all topics.
+    pub(super) fn at(file: usize, offset: u64, topics: Arc<Topics>) -> Self {
+        Place { file, within: FilePlace::at(offset, topics) }
     }
 
     /// The same place, for these topics only.
     #[must_use]
-    pub fn of_topics(mut self, topics: &[&'static str]) -> Self {
-        Arc::make_mut(&mut self.topics).retain(|_, topic| topics.contains(topic));
-        self.wanted = topics.into();
-        self
+    pub fn of_topics(self, topics: &[&'static str]) -> Self {
+        Place { within: self.within.of_topics(topics), ..self }
     }
 }
-
-/// Topics by channel.
-type Topics = HashMap<u16, &'static str>;
 
 /// Iterator over a recording's items.
 #[derive(Debug)]
 pub struct Items {
-    /// The error stands here until it has been given out.
-    section: Result<DataSection, Option<RecordingError>>,
-    file: String,
-    /// Topics to decode.
-    wanted: Arc<[&'static str]>,
-    /// Topic by channel, of those.
-    topics: Arc<Topics>,
-    /// The file has told its channels.
-    channels_known: bool,
-    /// What log times are ahead of the instants by which items are filed, ns.
+    files: Arc<[RecordedFile]>,
     realtime_offset_ns: u64,
-    /// What the last chunk held.
-    ready: VecDeque<Result<(Nanos, Item), RecordingError>>,
-    /// Where reading can go on: at the chunk that was begun last; `None` before the first.
-    begun: Option<Place>,
-    /// Results that come again before the next one that was not given out.
-    passed_over: u64,
+    /// Which of the files is read.
+    file: usize,
+    within: FileItems,
+    /// Bytes of the files before it.
+    before: u64,
 }
 
 impl Items {
-    /// Of the file from its beginning, of these topics; log times are ahead by `realtime_offset_ns`.
-    pub(super) fn open(path: &Path, topics: &[&'static str], realtime_offset_ns: u64) -> Self {
-        Items {
-            section: Records::open(path).and_then(DataSection::new).map_err(Some),
-            file: path.display().to_string(),
-            wanted: topics.into(),
-            topics: Arc::default(),
-            channels_known: false,
-            realtime_offset_ns,
-            ready: VecDeque::new(),
-            begun: None,
-            passed_over: 0,
-        }
+    /// Of the files from their beginning, of these topics; log times are ahead by `realtime_offset_ns`. There
+    /// is one file at least.
+    pub(super) fn open(
+        files: &Arc<[RecordedFile]>,
+        topics: &[&'static str],
+        realtime_offset_ns: u64,
+    ) -> Self {
+        let within = FileItems::open(&files[0], &topics.into(), realtime_offset_ns);
+        Items { files: Arc::clone(files), realtime_offset_ns, file: 0, within, before: 0 }
     }
 
-    /// Goes on at a place of this file. The chunk there is read again, and only once an item of it is asked
+    /// Goes on at a place of this recording. The chunk there is read again, and only once an item of it is asked
     /// for, so that nothing of it need be kept.
     pub fn go_to(&mut self, place: &Place) {
-        self.wanted.clone_from(&place.wanted);
-        self.topics.clone_from(&place.topics);
-        self.channels_known = place.channels_known;
-        self.ready.clear();
-        if let (Ok(section), Some(at)) = (&mut self.section, &place.section)
-            && let Err(problem) = section.go_to(at)
-        {
-            self.section = Err(Some(problem));
+        // A lost file has told what it had to tell.
+        if place.file != self.file || self.files[self.file].is_lost() {
+            self.enter(place.file);
         }
-        (self.begun, self.passed_over) = (Some(place.clone()), place.given);
+        self.within.go_to(&place.within);
+    }
+
+    /// Begins to read a file.
+    fn enter(&mut self, file: usize) {
+        self.file = file;
+        self.before = self.files[..file].iter().map(|file| file.bytes).sum();
+        let wanted = Arc::clone(self.within.wanted());
+        self.within = FileItems::open(&self.files[file], &wanted, self.realtime_offset_ns);
     }
 
     /// The place behind what was given out last.
     pub fn place(&self) -> Place {
-        self.begun.clone().unwrap_or_else(|| self.start())
+        Place { file: self.file, within: self.within.place() }
     }
 
-    /// The place at the present chunk's beginning.
-    fn start(&self) -> Place {
-        Place {
-            wanted: Arc::clone(&self.wanted),
-            topics: Arc::clone(&self.topics),
-            channels_known: self.channels_known,
-            section: self.section.as_ref().ok().and_then(DataSection::place),
-            given: 0,
-        }
-    }
-
-    /// Notes the place before a chunk, if it is one at which reading can go on.
-    fn begin_chunk(&mut self) {
-        let place = self.start();
-        if place.section.is_some() || self.begun.is_none() {
-            self.begun = Some(place);
-        }
-    }
-
-    /// Bytes of the file read so far, for a progress bar.
+    /// Bytes of the files read so far, for a progress bar.
     pub fn bytes_read(&self) -> u64 {
-        self.section.as_ref().map_or(0, |section| section.records.offset)
+        self.before + self.within.bytes_read()
     }
 
-    /// All of the next chunk.
+    /// All of the next chunk of the present file.
     ///
     /// # Errors
     /// What is wrong there first.
-    pub(super) fn first_chunk(mut self) -> Result<Vec<(Nanos, Item)>, RecordingError> {
-        self.advance()?;
-        self.ready.drain(..).collect()
-    }
-
-    fn next_result(&mut self) -> Option<Result<(Nanos, Item), RecordingError>> {
-        let next = loop {
-            if let Some(item) = self.ready.pop_front() {
-                break item;
-            }
-            self.begin_chunk();
-            match self.advance() {
-                Ok(true) => {}
-                Ok(false) => return None,
-                Err(error) => break Err(error),
-            }
-        };
-        self.begun.iter_mut().for_each(|place| place.given += 1);
-        Some(next)
-    }
-
-    /// Reads one chunk; false at the end of the data.
-    fn advance(&mut self) -> Result<bool, RecordingError> {
-        let section = match &mut self.section {
-            Ok(section) => section,
-            Err(failed) => return failed.take().map_or(Ok(false), Err),
-        };
-        let Some(records) = section.next_chunk()? else { return Ok(false) };
-        if section.damaged && !self.channels_known {
-            self.assume_channels();
-        }
-        records.into_iter().for_each(|record| self.take(record));
-        Ok(true)
-    }
-
-    /// Where the chunk with the channels is lost, they are those that the writer makes.
-    fn assume_channels(&mut self) {
-        let all = channel_numbers().zip(Item::TOPICS);
-        self.topics = Arc::new(all.filter(|(_, topic)| self.wanted.contains(topic)).collect());
-        self.channels_known = true;
-    }
-
-    /// Decodes a message, or notes a channel.
-    fn take(&mut self, record: Record<'_>) {
-        match record {
-            Record::Channel(channel) => {
-                self.channels_known = true;
-                let wanted = self.wanted.iter().find(|topic| **topic == channel.topic);
-                if let Some(topic) = wanted {
-                    Arc::make_mut(&mut self.topics).insert(channel.id, *topic);
-                }
-            }
-            Record::Message { header, data } => {
-                let Some(topic) = self.topics.get(&header.channel_id) else { return };
-                let log_time_ns = header.log_time.wrapping_sub(self.realtime_offset_ns);
-                let refused = |problem| {
-                    let (file, topic) = (self.file.clone(), (*topic).into());
-                    RecordingError::Message { file, topic, log_time_ns, problem }
-                };
-                let decoded = record::decode(topic, &data).map_err(refused);
-                self.ready.extend(decoded.map(|item| item.map(|item| (log_time_ns, item))).transpose());
-            }
-            _ => {}
-        }
+    pub(super) fn first_chunk(self) -> Result<Vec<(Nanos, Item)>, RecordingError> {
+        self.within.first_chunk()
     }
 }
 
@@ -200,11 +94,13 @@ impl Iterator for Items {
     type Item = Result<(Nanos, Item), RecordingError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        while self.passed_over > 0 {
-            self.passed_over -= 1;
-            drop(self.next_result());
+        loop {
+            let next = self.within.next();
+            if next.is_some() || self.file + 1 == self.files.len() {
+                return next;
+            }
+            self.enter(self.file + 1);
         }
-        self.next_result()
     }
 }
 
@@ -213,6 +109,7 @@ mod tests {
     use super::super::{Note, NoteKind, Provenance, Recording, Writer};
     use super::*;
     use std::fs;
+    use std::path::Path;
 
     fn note(count: u64) -> Item {
         let text = "x".repeat(900);

@@ -24,9 +24,12 @@ mod chunks;
 mod data_section;
 mod descriptors;
 mod disk;
+mod file_items;
 mod heads;
 mod items;
 mod note;
+mod packing;
+mod parts;
 mod protobuf;
 mod read;
 mod record;
@@ -48,6 +51,11 @@ pub use chunk_index::{Chunk, ChunkIndex};
 pub use heads::CheckpointHead;
 pub use items::{Items, Place};
 pub use note::{Note, NoteKind};
+pub use packing::Packing;
+pub use parts::{
+    Limit, MOST_PARTS, PartFiles, PartInfo, PartOf, PartsWriter, files_of, part_file, parts_of, split_name,
+    whole_of,
+};
 pub use read::{Recording, states_incomparable};
 pub use tracker_version::{TRACKER_DIGESTS, TRACKER_VERSION};
 pub use viewer_messages::TOPICS as VIEWER_TOPICS;
@@ -356,6 +364,14 @@ pub enum RecordingError {
         /// The file.
         file: String,
         /// What it is instead.
+        problem: String,
+    },
+    /// A part of the recording is missing, or cannot be read as one of it.
+    #[error("{file}: {problem}")]
+    Part {
+        /// The file.
+        file: String,
+        /// What is wrong.
         problem: String,
     },
     /// The file ends in the middle of a record, as after a crash; all before it is good.

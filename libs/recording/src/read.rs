@@ -5,6 +5,7 @@
 //! parsed by the `mcap` crate.
 
 use super::items::Items;
+use super::parts::{PartOf, RecordedFile, assemble, parts_of};
 use super::records::{Outer, Records};
 use super::write::METADATA;
 use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, Source, checksum};
@@ -15,27 +16,66 @@ use protocol::steps::STATE_HASH_VERSION;
 use protocol::time::Nanos;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// A recording opened for reading.
 #[derive(Debug)]
 pub struct Recording {
-    path: PathBuf,
-    provenance: Provenance,
-    checksum: bool,
-    doubt: Option<RecordingError>,
-    finished: bool,
-    bytes: u64,
+    pub(super) path: PathBuf,
+    /// One, or its parts.
+    pub(super) files: Arc<[RecordedFile]>,
+    pub(super) provenance: Provenance,
+    pub(super) checksum: bool,
+    pub(super) doubt: Option<RecordingError>,
+    pub(super) finished: bool,
+    pub(super) bytes: u64,
+    pub(super) part: Option<PartOf>,
+}
+
+/// What the beginning and the end of a file say.
+#[derive(Debug)]
+pub(super) struct Opened {
+    pub provenance: Provenance,
+    pub part: Option<PartOf>,
+    pub checksum: bool,
+    pub doubt: Option<RecordingError>,
+    pub finished: bool,
+    pub bytes: u64,
+}
+
+impl Opened {
+    /// Of a file.
+    ///
+    /// # Errors
+    /// As [`Recording::open_in_doubt`].
+    pub fn of(path: &Path) -> Result<Self, RecordingError> {
+        let mut records = Records::open(path)?;
+        let finished = records.has_footer()?;
+        let (offset, pairs) = metadata_of(&mut records)?;
+        let foreign = |problem| RecordingError::Foreign { file: path.display().to_string(), problem };
+        let holds = checksum::holds(&pairs);
+        let doubt = (holds == Some(false))
+            .then(|| records.damaged(offset, "rig, scene or configuration do not match their checksum"));
+        let part = PartOf::of(&pairs).map_err(foreign)?;
+        let provenance = provenance_of(pairs).map_err(foreign)?;
+        Ok(Opened { provenance, part, checksum: holds.is_some(), doubt, finished, bytes: records.length })
+    }
 }
 
 impl Recording {
-    /// Opens a recording and reads its provenance.
+    /// Opens a recording and reads its provenance. Where there is no file of that name, its parts are opened
+    /// as one; a part that is named is opened alone.
     ///
     /// # Errors
     /// Where the file cannot be read, is no recording, ends before its provenance, or its provenance
-    /// does not match its checksum.
+    /// does not match its checksum. Parts that are missing are met by whoever reads the items.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
-        let mut recording = Self::open_in_doubt(path)?;
-        recording.doubt.take().map_or(Ok(recording), Err)
+        Self::open_in_doubt(path)?.trusted()
+    }
+
+    /// Itself, if its provenance matches its checksum.
+    pub(super) fn trusted(mut self) -> Result<Self, RecordingError> {
+        self.doubt.take().map_or(Ok(self), Err)
     }
 
     /// As [`Recording::open`], but a provenance that does not match its checksum is taken as it is:
@@ -48,16 +88,15 @@ impl Recording {
             let problem = "it is read from several places: save it as a file first".into();
             return Err(RecordingError::Foreign { file: "standard input".into(), problem });
         }
-        let mut records = Records::open(path)?;
-        let finished = records.has_footer()?;
-        let (offset, pairs) = metadata_of(&mut records)?;
-        let foreign = |problem| RecordingError::Foreign { file: path.display().to_string(), problem };
-        let holds = checksum::holds(&pairs);
-        let doubt = (holds == Some(false))
-            .then(|| records.damaged(offset, "rig, scene or configuration do not match their checksum"));
-        let provenance = provenance_of(pairs).map_err(foreign)?;
-        let (path, checksum, bytes) = (path.into(), holds.is_some(), records.length);
-        Ok(Recording { path, provenance, checksum, doubt, finished, bytes })
+        if path.symlink_metadata().is_err() {
+            let parts = parts_of(path);
+            if !parts.is_empty() {
+                return assemble(path, parts);
+            }
+        }
+        let Opened { provenance, part, checksum, doubt, finished, bytes } = Opened::of(path)?;
+        let files = [RecordedFile::whole(path.into(), bytes)].into();
+        Ok(Recording { path: path.into(), files, provenance, checksum, doubt, finished, bytes, part })
     }
 
     /// Rig, scene, configuration, seeds and versions.
@@ -75,17 +114,18 @@ impl Recording {
         self.checksum
     }
 
-    /// True if the recorder closed the file in order; a crashed one leaves it without a footer.
+    /// True if the recorder closed the file in order, and all parts of it are there; a crashed one leaves it
+    /// without a footer.
     pub fn is_finished(&self) -> bool {
         self.finished
     }
 
-    /// Size of the file, bytes.
+    /// Size of the file, or of all parts, bytes.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
 
-    /// The file.
+    /// The name by which it was opened: a file, or what its parts are named after.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -102,7 +142,7 @@ impl Recording {
     /// As [`Recording::items`], of these topics only. The rest is not decoded, which is most of the
     /// work.
     pub fn items_of(&self, topics: &[&'static str]) -> Items {
-        Items::open(&self.path, topics, self.provenance.realtime_offset_ns())
+        Items::open(&self.files, topics, self.provenance.realtime_offset_ns())
     }
 
     /// Instants of exposure of what is replayed: those of the tracker's frames, or of the

@@ -1,6 +1,7 @@
 //! The outer records of a recording's file, framed and held to their limits, and those in a chunk.
 
 use super::RecordingError;
+use super::packing::Packing;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{MAGIC, McapResult, parse_record};
@@ -166,8 +167,10 @@ pub(super) fn chunk_bytes(body: &[u8]) -> Option<u64> {
     let name_bytes = u32::from_le_bytes(body.get(28..32)?.try_into().ok()?) as usize;
     let name = body.get(32..32 + name_bytes.min(body.len()))?;
     let (unpacked, packed) = (number(16)?, number(32 + name_bytes)?);
-    let plain = name.is_empty() && packed == unpacked;
-    let known = plain || [&b"zstd"[..], b"lz4"].contains(&name);
+    let known = match Packing::of_chunk(name)? {
+        Packing::None => packed == unpacked,
+        Packing::Zstd | Packing::Lz4 => true,
+    };
     let bounded = unpacked <= MAX_CHUNK_BYTES && packed <= MAX_CHUNK_BYTES;
     (known && bounded).then(|| FIXED + name_bytes as u64 + packed)
 }

@@ -6,9 +6,11 @@
 
 use super::chunks::Chunks;
 use super::disk::{Disk, Medium, NamedFile};
+use super::packing::Packing;
+use super::parts::{GOES_ON, Numbers, PartOf};
 use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, checksum, record, viewer_messages};
+use mcap::WriteOptions;
 use mcap::records::{MessageHeader, Metadata};
-use mcap::{Compression, WriteOptions};
 use protocol::time::Nanos;
 use rig::Rig;
 use std::collections::BTreeMap;
@@ -35,9 +37,11 @@ pub struct Writer {
     file: String,
     chunks: Chunks,
     disk: Disk,
-    /// False for a file that is read once and removed.
     channels: [u16; Item::TOPICS.len()],
     viewers: [u16; viewer_messages::TOPICS.len()],
+    /// Numbers of the next messages by topic.
+    numbers: Numbers,
+    /// Numbers of the next messages for viewers by channel.
     sequences: BTreeMap<u16, u32>,
     message: Vec<u8>,
     realtime_offset_ns: u64,
@@ -59,8 +63,36 @@ impl Writer {
     /// # Errors
     /// Where the file cannot be written.
     pub fn on(target: File, path: &Path, provenance: &Provenance) -> Result<Self, RecordingError> {
+        Self::packed(target, path, provenance, Packing::default())
+    }
+
+    /// As [`Writer::on`], with chunks that are packed in this way.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub fn packed(
+        target: File,
+        path: &Path,
+        provenance: &Provenance,
+        packing: Packing,
+    ) -> Result<Self, RecordingError> {
         let medium = NamedFile { file: target, path: path.into() };
-        Self::begin(path.display().to_string(), Box::new(medium), provenance)
+        Self::begin(path.display().to_string(), Box::new(medium), provenance, packing, None)
+    }
+
+    /// As [`Writer::packed`], of a part of a recording.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub(super) fn of_part(
+        target: File,
+        path: &Path,
+        provenance: &Provenance,
+        packing: Packing,
+        part: &PartOf,
+    ) -> Result<Self, RecordingError> {
+        let medium = NamedFile { file: target, path: path.into() };
+        Self::begin(path.display().to_string(), Box::new(medium), provenance, packing, Some(part))
     }
 
     /// As [`Writer::on`], of a new file in the place of one of that name.
@@ -76,14 +108,17 @@ impl Writer {
         file: String,
         medium: Box<dyn Medium>,
         provenance: &Provenance,
+        packing: Packing,
+        part: Option<&PartOf>,
     ) -> Result<Self, RecordingError> {
         let fail = |e: mcap::McapError| RecordingError::Write { file: file.clone(), problem: e.to_string() };
         let options = WriteOptions::new()
             .profile(PROFILE)
             .library(format!("vitreo {}", env!("CARGO_PKG_VERSION")))
-            .compression(Some(Compression::Zstd))
+            .compression(packing.compression())
             .chunk_size(Some(CHUNK_BYTES));
-        let metadata = Metadata { name: METADATA.into(), metadata: checksum::signed(pairs(provenance)) };
+        let metadata =
+            Metadata { name: METADATA.into(), metadata: checksum::signed(pairs(provenance, part)) };
         let scratch = medium.scratch().ok();
         let (mut chunks, (channels, viewers)) = Chunks::begin(options, &metadata, scratch).map_err(fail)?;
         let mut disk = Disk::new(file.clone(), medium);
@@ -95,6 +130,7 @@ impl Writer {
             disk,
             channels,
             viewers,
+            numbers: part.map(|part| part.from).unwrap_or_default(),
             sequences: BTreeMap::new(),
             message: Vec::new(),
             realtime_offset_ns: provenance.realtime_offset_ns(),
@@ -121,11 +157,39 @@ impl Writer {
     /// # Errors
     /// Where the file cannot be written; the item is kept.
     pub fn write(&mut self, log_time_ns: Nanos, item: &Item) -> Result<(), RecordingError> {
+        let topic = item.topic_index();
+        let number = self.numbers[topic];
+        self.numbers[topic] = number.wrapping_add(1);
+        self.put(log_time_ns, item, number, 1)
+    }
+
+    /// As [`Writer::write`], of an item that another part has too, under this number among those of its topic.
+    /// It is not counted.
+    ///
+    /// # Errors
+    /// As there.
+    pub(super) fn repeat(
+        &mut self,
+        log_time_ns: Nanos,
+        item: &Item,
+        number: u32,
+    ) -> Result<(), RecordingError> {
+        self.put(log_time_ns, item, number, 0)
+    }
+
+    /// Appends an item that counts as so many.
+    fn put(
+        &mut self,
+        log_time_ns: Nanos,
+        item: &Item,
+        number: u32,
+        counts: u64,
+    ) -> Result<(), RecordingError> {
         self.message.clear();
         record::encode(item, &mut self.message);
         let log_time = log_time_ns.wrapping_add(self.realtime_offset_ns);
-        self.append(self.channels[item.topic_index()], log_time)?;
-        self.open += 1;
+        self.append(self.channels[item.topic_index()], number, log_time)?;
+        self.open += counts;
         let mut shown = viewer_messages::encode(item, self.realtime_offset_ns);
         if let Some(rig) = self.rig.as_ref().filter(|_| log_time_ns >= self.rig_due_ns) {
             shown.extend(viewer_messages::rig::encode(rig, log_time_ns, self.realtime_offset_ns));
@@ -133,16 +197,22 @@ impl Writer {
         }
         for (viewer, message) in shown {
             self.message = message;
-            self.append(self.viewers[viewer], log_time)?;
+            let sequence = self.sequences.entry(self.viewers[viewer]).or_insert(0);
+            let number = *sequence;
+            *sequence = sequence.wrapping_add(1);
+            self.append(self.viewers[viewer], number, log_time)?;
         }
         self.disk.settle()
     }
 
+    /// Numbers of the next items by topic.
+    pub(super) fn numbers(&self) -> Numbers {
+        self.numbers
+    }
+
     /// Appends the message. The chunk before it goes to the disk where it was large enough.
-    fn append(&mut self, channel_id: u16, log_time: Nanos) -> Result<(), RecordingError> {
-        let sequence = self.sequences.entry(channel_id).or_insert(0);
-        let header = MessageHeader { channel_id, sequence: *sequence, log_time, publish_time: log_time };
-        *sequence = sequence.wrapping_add(1);
+    fn append(&mut self, channel_id: u16, sequence: u32, log_time: Nanos) -> Result<(), RecordingError> {
+        let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
         let written = self.chunks.append(&header, &self.message);
         written.map_err(|e| self.failure(e))?;
         let piece = self.chunks.take();
@@ -151,6 +221,17 @@ impl Writer {
             self.open_since = None;
         }
         Ok(())
+    }
+
+    /// Closes the open chunk, so that what comes now begins one.
+    ///
+    /// # Errors
+    /// Where the file cannot be written; what was not is kept.
+    pub(super) fn close_chunk(&mut self) -> Result<(), RecordingError> {
+        self.chunks.flush().map_err(|e| self.failure(e))?;
+        self.disk.put(self.chunks.take(), std::mem::take(&mut self.open));
+        self.open_since = None;
+        self.disk.settle()
     }
 
     /// Closes the open chunk once it is 80 ms old and writes it, and tries again what could not be
@@ -210,13 +291,26 @@ impl Writer {
         self.disk.sync()
     }
 
+    /// As [`Writer::end`], of a part that goes on in another one, which is named at its end.
+    ///
+    /// # Errors
+    /// As there.
+    pub(super) fn end_before(&mut self, next: &str) -> Result<(), RecordingError> {
+        if !self.ended {
+            let pairs = BTreeMap::from([("part".to_string(), next.to_string())]);
+            let metadata = Metadata { name: GOES_ON.into(), metadata: pairs };
+            self.chunks.note(&metadata).map_err(|e| self.failure(e))?;
+        }
+        self.end()
+    }
+
     fn failure(&self, problem: mcap::McapError) -> RecordingError {
         RecordingError::Write { file: self.file.clone(), problem: problem.to_string() }
     }
 }
 
 /// The provenance as key and value pairs; each group has a prefix.
-fn pairs(provenance: &Provenance) -> BTreeMap<String, String> {
+fn pairs(provenance: &Provenance, part: Option<&PartOf>) -> BTreeMap<String, String> {
     let Provenance { rig_json, scene_name, scene_toml, source, seeds, config, versions } = provenance;
     let mut all: BTreeMap<String, String> = [
         ("format", FORMAT),
@@ -232,6 +326,7 @@ fn pairs(provenance: &Provenance) -> BTreeMap<String, String> {
     for (group, map) in [("seed.", seeds), ("config.", config), ("version.", versions)] {
         all.extend(map.iter().map(|(key, value)| (format!("{group}{key}"), value.clone())));
     }
+    all.extend(part.iter().flat_map(|part| part.pairs()));
     all
 }
 

@@ -73,17 +73,19 @@ pub struct Stored {
     pub attempt: Attempt,
 }
 
-/// SHA-256 of a file, in hexadecimal digits.
+/// SHA-256 of a recording's file, or of its parts one after the other, in hexadecimal digits.
 ///
 /// # Errors
 /// If the file cannot be read.
 pub fn sha256_of(path: &Path) -> std::io::Result<String> {
-    let mut file = File::open(path)?;
     let (mut hasher, mut buffer) = (Sha256::new(), vec![0; 256 << 10]);
-    loop {
-        match file.read(&mut buffer)? {
-            0 => break,
-            read => hasher.update(&buffer[..read]),
+    for path in recording::files_of(path) {
+        let mut file = File::open(path)?;
+        loop {
+            match file.read(&mut buffer)? {
+                0 => break,
+                read => hasher.update(&buffer[..read]),
+            }
         }
     }
     Ok(hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect())

@@ -35,7 +35,7 @@ pub fn attempt_of(recording: &Recording, scored: &ScoredRecording) -> Attempt {
     let provenance = recording.provenance();
     let began = provenance.config.get(BEGAN).and_then(|s| s.parse().ok());
     // Older recordings do not say when they were made; the file does, nearly.
-    let written = || std::fs::metadata(recording.path()).and_then(|m| m.modified()).ok();
+    let written = || std::fs::metadata(last_file_of(recording)).and_then(|m| m.modified()).ok();
     let (score, own) = (&scored.score, recording.path());
     let category = |(c, points): (&Category, &f64)| Points {
         key: c.key().into(),
@@ -66,9 +66,20 @@ pub fn attempt_of(recording: &Recording, scored: &ScoredRecording) -> Attempt {
         took_s: score.took_s,
         categories: Category::ALL.iter().zip(&score.categories).map(category).collect(),
         metrics: score.metrics.iter().map(metric).collect(),
-        recording: Some(own.canonicalize().unwrap_or_else(|_| own.to_path_buf()).display().to_string()),
+        recording: Some(place_of(own).display().to_string()),
         recording_sha256: None,
     }
+}
+
+/// The path of a recording from the root on, whether or not there is a file of its name.
+fn place_of(recording: &Path) -> PathBuf {
+    let absolute = || std::path::absolute(recording).unwrap_or_else(|_| recording.to_path_buf());
+    recording.canonicalize().unwrap_or_else(|_| absolute())
+}
+
+/// The file of a recording that was written last.
+fn last_file_of(recording: &Recording) -> PathBuf {
+    recording::files_of(recording.path()).pop().unwrap_or_else(|| recording.path().into())
 }
 
 /// What became of an attempt that was to be kept.

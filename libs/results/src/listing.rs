@@ -136,7 +136,12 @@ fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), ListError> {
         if kind.is_dir() {
             walk(&path, found)?;
         } else if path.extension().is_some_and(|e| e == RECORDING) {
-            found.push(path);
+            match recording::whole_of(&path) {
+                None => found.push(path),
+                // Its parts are one recording.
+                Some(whole) if found.contains(&whole) => {}
+                Some(whole) => found.push(whole),
+            }
         }
     }
     Ok(())
@@ -146,6 +151,11 @@ fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), ListError> {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use recording::{
+        Item, Limit, Note, NoteKind, Packing, PartFiles, PartsWriter, Provenance, RecordingError, Source,
+        Writer,
+    };
+    use std::fs::File;
 
     proptest! {
         #[test]
@@ -188,6 +198,42 @@ mod tests {
         assert_eq!(list.repeated(), [twice("day/a.mcap"), twice("single")]);
         std::fs::create_dir(at("bare")).unwrap();
         assert!(List::default().add_path(&at("bare")).unwrap_err().to_string().contains("bare"));
+    }
+
+    #[test]
+    fn the_parts_of_a_recording_are_listed_once() {
+        struct Named;
+        impl PartFiles for Named {
+            fn begin(&mut self, path: &Path) -> Result<File, RecordingError> {
+                let file = path.display().to_string();
+                File::create(path).map_err(|problem| RecordingError::Io { file, problem })
+            }
+
+            fn appear(&mut self, _: &Path) -> Result<(), RecordingError> {
+                Ok(())
+            }
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let base = folder.path().join("run.mcap");
+        let provenance = Provenance { source: Source::Import, ..Provenance::default() };
+        let first = File::create(recording::part_file(&base, 1)).unwrap();
+        let (packing, limit) = (Packing::default(), Limit::Time(5));
+        let mut writer =
+            PartsWriter::begin(&base, first, &provenance, packing, limit, Box::new(Named)).unwrap();
+        for at in 0..20 {
+            let (kind, text) = (NoteKind::Log, "n".into());
+            let note = Note { instant_ns: at, kind, process: None, count: at, text };
+            writer.write(at, &Item::Note(note)).unwrap();
+        }
+        writer.finish().unwrap();
+        // One that is named like a part and is none.
+        let alone = folder.path().join("run.0009.mcap");
+        Writer::create(&alone, &provenance).unwrap().finish().unwrap();
+        let mut list = List::default();
+        list.add_path(folder.path()).unwrap();
+        assert!(recording::parts_of(&base).len() > 3);
+        assert_eq!(list.recordings(), [base, alone]);
+        assert!(list.repeated().is_empty());
     }
 
     #[test]

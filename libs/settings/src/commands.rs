@@ -24,6 +24,7 @@ mod span;
 mod suite;
 mod trace;
 mod what_if;
+mod writing;
 
 pub use arrangement::Arrangement;
 pub use check::CheckArgs;
@@ -46,6 +47,7 @@ pub use span::SpanArgs;
 pub use suite::SuiteArgs;
 pub use trace::TraceArgs;
 pub use what_if::{Assignment, Range, SettingsListArgs, SweepArgs, WhatIfArgs};
+pub use writing::{PACKINGS, Split, WritingArgs};
 
 /// Commands on recordings: `vitreo` declares them, `vitreo-replay` carries them out.
 #[derive(Debug, clap::Subcommand)]

@@ -3,20 +3,23 @@
 use super::arguments::{injected_delay, percentile, positive, share};
 use super::cameras::check_program;
 use super::policy::MAX_RESTARTS;
+use super::recorder;
 use crate::modules::Composed;
 use anyhow::Context;
+use clap::ArgGroup;
 use ipc::logging::inform;
 use outputs::{Force, Outputs, STILLS, numbered};
 use protocol::budget::{Budgets, Stage};
 use protocol::file::{MAX_SETTINGS_BYTES, read_text};
 use protocol::health::Process;
+use recording::parts_of;
 use results::Store;
 use results::keeping::{self, seconds_since_1970};
 use results::store::check_name;
-use settings::commands::StoreArgs;
 use settings::commands::processes::{
     CollisionArgs, DeskArgs, PictureArgs, RigArgs, SceneArgs, VirtualRigArgs,
 };
+use settings::commands::{StoreArgs, WritingArgs};
 use settings::inputs::{check_file, check_folder};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -25,6 +28,8 @@ use std::time::SystemTime;
 #[derive(Debug, Clone, Default, clap::Args)]
 // The virtual rig itself plays a stream of the shipped rig too; here nobody should forget whose it is.
 #[command(mut_arg("blobs", |arg| arg.requires("rig")))]
+#[command(group = ArgGroup::new("recorded").multiple(true).args(["record", "trainee"]))]
+#[command(mut_arg("split", |arg| arg.requires("recorded")))]
 pub struct RunArgs {
     // Those without a heading come first: a heading holds for all that follows.
     /// The scene.
@@ -118,6 +123,9 @@ pub struct OutputArgs {
     /// Record everything.
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
+    /// How the recording is written.
+    #[command(flatten)]
+    pub writing: WritingArgs,
     /// Write the figures of the run.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
@@ -278,7 +286,11 @@ impl RunArgs {
 
     /// The name of an output where something began again: `a-2.y4m`.
     pub(super) fn numbered(&self, file: &Path, number: u32) -> PathBuf {
-        numbered(file, number, self.outputs.force.force)
+        let force = self.outputs.force.force;
+        let name = |number| numbered(file, number, force);
+        // A recording in parts has no file of its own name.
+        let is_free = |path: &PathBuf| force || number == 0 || parts_of(path).is_empty();
+        (number..=u32::MAX).map(name).find(is_free).unwrap_or_else(|| name(number))
     }
 
     /// The files that the run reads.
@@ -318,10 +330,9 @@ impl RunArgs {
         self.real.cameras.as_deref().map_or(Ok(()), check_program)?;
         picture.instruments.as_deref().map_or(Ok(()), |folder| check_folder("--instruments", folder))?;
         let mut outputs = Outputs::new(self.outputs.force.force).reading_all(self.inputs());
-        for file in [&self.outputs.record, &self.outputs.report, &picture.video, &cameras.fault_log]
-            .into_iter()
-            .flatten()
-        {
+        let OutputArgs { record, writing, report, .. } = &self.outputs;
+        record.as_deref().map_or(Ok(()), |name| recorder::files::claim(name, writing, &mut outputs))?;
+        for file in [report, &picture.video, &cameras.fault_log].into_iter().flatten() {
             outputs.claim(file)?;
         }
         picture.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder, STILLS))?;

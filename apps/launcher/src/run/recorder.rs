@@ -6,12 +6,14 @@
 //! written as soon as there is space. It is a plain thread, which nobody waits for: a write that
 //! never returns holds up neither the report nor the end of the program.
 
+pub mod files;
+
 use super::report::RecordingFigures;
 use anyhow::Context;
+use files::RecordingFiles;
 use ipc::clock::now;
-use outputs::GrowingFile;
 use protocol::time::Nanos;
-use recording::{Item, Note, NoteKind, Provenance, RecordingError, Writer};
+use recording::{Item, Note, NoteKind, PartsWriter, Provenance, RecordingError, Writer};
 use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -42,6 +44,14 @@ trait Store: Send + 'static {
     fn bytes(&self) -> u64;
     /// How long written bytes have been waiting for the disk.
     fn sync_lag(&self) -> Duration;
+    /// Files that were begun.
+    fn parts(&self) -> u32 {
+        1
+    }
+    /// What is to be known of the files, once.
+    fn take_warning(&mut self) -> Option<String> {
+        None
+    }
 }
 
 impl Store for Writer {
@@ -70,9 +80,43 @@ impl Store for Writer {
     }
 }
 
+impl Store for PartsWriter {
+    fn write(&mut self, at: Nanos, item: &Item) -> Result<(), RecordingError> {
+        PartsWriter::write(self, at, item)
+    }
+
+    fn keep_up(&mut self, now: Nanos) -> Result<(), RecordingError> {
+        PartsWriter::flush_aged(self, now)
+    }
+
+    fn finish(&mut self) -> Result<(), RecordingError> {
+        PartsWriter::end(self)
+    }
+
+    fn unwritten(&self) -> u64 {
+        PartsWriter::unwritten(self)
+    }
+
+    fn bytes(&self) -> u64 {
+        PartsWriter::bytes(self)
+    }
+
+    fn sync_lag(&self) -> Duration {
+        PartsWriter::sync_lag(self)
+    }
+
+    fn parts(&self) -> u32 {
+        self.number()
+    }
+
+    fn take_warning(&mut self) -> Option<String> {
+        PartsWriter::take_warning(self)
+    }
+}
+
 /// A recording that is being written.
 pub struct Recorder {
-    file: GrowingFile,
+    files: RecordingFiles,
     /// `None` once the thread is gone.
     queue: Option<SyncSender<(Nanos, Item)>>,
     ended: oneshot::Receiver<()>,
@@ -106,6 +150,7 @@ struct State {
     /// Notes of the thread's own, on the file or not.
     own_notes: u64,
     bytes: u64,
+    parts: u32,
     /// No further items come.
     ending: bool,
     /// A note about the last gap, to be written at the end.
@@ -141,10 +186,14 @@ impl Recorder {
     ///
     /// # Errors
     /// Where the file cannot be written, or a thread cannot be made.
-    pub fn start(file: GrowingFile, provenance: &Provenance) -> anyhow::Result<Self> {
-        let mut writer = Writer::on(file.handle()?, file.path(), provenance)?;
+    pub fn start(files: RecordingFiles, provenance: &Provenance) -> anyhow::Result<Self> {
+        if let Some(mut writer) = files.parts_writer(provenance)? {
+            writer.sync_along()?;
+            return Self::with(files, writer, QUEUE);
+        }
+        let mut writer = files.writer(provenance)?;
         writer.sync_along()?;
-        Self::with(file, writer, QUEUE)
+        Self::with(files, writer, QUEUE)
     }
 
     /// Gives the file its name: what it records has begun.
@@ -152,10 +201,10 @@ impl Recorder {
     /// # Errors
     /// Where the name was taken meanwhile.
     pub fn appear(&mut self) -> anyhow::Result<()> {
-        Ok(self.file.appear()?)
+        self.files.appear()
     }
 
-    fn with(file: GrowingFile, store: impl Store, capacity: usize) -> anyhow::Result<Self> {
+    fn with(files: RecordingFiles, store: impl Store, capacity: usize) -> anyhow::Result<Self> {
         let (queue, items) = sync_channel(capacity);
         let (end, ended) = oneshot::channel();
         let progress = Arc::new(Progress::default());
@@ -167,7 +216,7 @@ impl Recorder {
         let started = thread::Builder::new().name("recorder".into()).spawn(work);
         let thread = started.context("start the recorder")?.thread().clone();
         let gap = Gap::default();
-        Ok(Recorder { file, queue: Some(queue), ended, thread, gap, queued: 0, progress })
+        Ok(Recorder { files, queue: Some(queue), ended, thread, gap, queued: 0, progress })
     }
 
     /// Offers an item; never waits.
@@ -201,7 +250,7 @@ impl Recorder {
     /// Why nothing is written at the moment, if so.
     pub fn problem(&self) -> Option<String> {
         let stopped = self.queue.is_none().then(|| "the recorder stopped".to_owned());
-        stopped.or_else(|| self.progress.lock().stall(self.file.path()))
+        stopped.or_else(|| self.progress.lock().stall(self.files.name()))
     }
 
     /// Lets what is queued be written and the file be ended, and returns what became of it, after
@@ -224,15 +273,16 @@ impl Recorder {
             None if state.finished => None,
             None if in_time => Some("the recorder failed".into()),
             None => {
-                let why = state.stall(self.file.path()).unwrap_or_else(|| "the disk is slow".into());
+                let why = state.stall(self.files.name()).unwrap_or_else(|| "the disk is slow".into());
                 Some(format!("the recorder did not finish: {why}; {missing} items are not in the file"))
             }
         };
         RecordingFigures {
-            file: self.file.path().display().to_string(),
+            file: self.files.name().display().to_string(),
             items: state.written,
             lost: self.gap.total + missing,
             bytes: state.bytes,
+            parts: self.files.is_split().then_some(state.parts),
             problem,
         }
     }
@@ -279,10 +329,14 @@ impl<S: Store> Thread<S> {
 
     fn take(&mut self, at: Nanos, item: &Item) -> Result<(), RecordingError> {
         self.taken += 1;
-        self.attempt("writing", |store| {
+        let done = self.attempt("writing", |store| {
             store.write(at, item)?;
             store.keep_up(now())
-        })
+        });
+        if let Some(warning) = self.store.take_warning() {
+            self.note(warning);
+        }
+        done
     }
 
     /// Does something with the file, and tells so before and after.
@@ -297,6 +351,7 @@ impl<S: Store> Thread<S> {
         state.busy = None;
         state.written = self.taken - self.store.unwritten();
         (state.bytes, state.sync_lag) = (self.store.bytes(), self.store.sync_lag());
+        state.parts = self.store.parts();
         let before = state.trouble.take();
         match &done {
             Ok(()) => {
@@ -316,7 +371,11 @@ impl<S: Store> Thread<S> {
     /// Writes into the recording that it stood still. Where the disk refuses again, the next attempt
     /// tells.
     fn note_outage(&mut self, problem: &str, length: Duration) {
-        let text = format!("nothing could be written for {:.1} s: {problem}", length.as_secs_f64());
+        self.note(format!("nothing could be written for {:.1} s: {problem}", length.as_secs_f64()));
+    }
+
+    /// Writes a note of its own.
+    fn note(&mut self, text: String) {
         let note = Note { instant_ns: now(), kind: NoteKind::Log, process: None, count: 0, text };
         self.taken += 1;
         self.progress.lock().own_notes += 1;

@@ -211,6 +211,8 @@ pub struct RecordingFigures {
     /// Items that did not reach the file.
     pub lost: u64,
     pub bytes: u64,
+    /// Parts, where it is written in parts.
+    pub parts: Option<u32>,
     /// Why it could not be finished.
     pub problem: Option<String>,
 }
@@ -357,7 +359,8 @@ impl Report {
         }
         if let Some(r) = &self.recording {
             let mib = r.bytes as f64 / f64::from(1 << 20);
-            writeln!(out, "recording: {}, {} items, {mib:.1} MiB, {} lost", r.file, r.items, r.lost)?;
+            let parts = r.parts.map_or(String::new(), |parts| format!(" in {parts} parts"));
+            writeln!(out, "recording: {}{parts}, {} items, {mib:.1} MiB, {} lost", r.file, r.items, r.lost)?;
         }
         for h in &self.incidents {
             writeln!(out, "{:>7.1} s: {}", h.at_s, h.what)?;

@@ -13,6 +13,7 @@ use super::monitor::Monitor;
 use super::options::{RunArgs, View};
 use super::policy::CpuAccount;
 use super::recorder::Recorder;
+use super::recorder::files::RecordingFiles;
 use super::report::Incident;
 use super::resume::Resume;
 use super::screen::Screen;
@@ -24,7 +25,7 @@ use anyhow::bail;
 use diagnosis::{Tracking, Watch};
 use ipc::clock::now;
 use ipc::{Instance, Sender};
-use outputs::{GrowingFile, Outputs};
+use outputs::Outputs;
 use protocol::budget::Budgets;
 use protocol::control::{Answer, Command, Notice};
 use protocol::health::Process;
@@ -172,9 +173,10 @@ impl<'a> Session<'a> {
     ) -> anyhow::Result<Self> {
         let provenance = super::provenance(args)?;
         let instance = Instance::own(&args.instance)?;
-        let file = args.outputs.record.as_deref().map(|file| outputs.grow(file)).transpose()?;
-        file.iter().try_for_each(GrowingFile::make_private)?;
-        let recorder = file.map(|file| Recorder::start(file, &provenance)).transpose()?;
+        let files = args.outputs.record.as_deref();
+        let files =
+            files.map(|file| RecordingFiles::begin(file, &args.outputs.writing, outputs)).transpose()?;
+        let recorder = files.map(|files| Recorder::start(files, &provenance)).transpose()?;
         let tracking = Tracking::new(&Rig::load_or_shipped(args.rig.rig.as_deref())?);
         let (latencies, monitor, resume) = (LatencyStats::default(), Monitor::default(), Resume::default());
         let (line_sender, lines) = mpsc::channel(LINES_QUEUE);

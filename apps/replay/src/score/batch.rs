@@ -11,7 +11,7 @@ use outputs::exit::{DIFFERS, LOSS};
 use outputs::progress::files_bar;
 use outputs::{Outputs, println};
 use protocol::file::{MAX_TABLE_BYTES, read_text};
-use recording::{Recording, states_incomparable};
+use recording::{Recording, files_of, states_incomparable};
 use results::attempt::sha256_of;
 use results::batch::{Row, Shard, work};
 use results::keeping::{attempt_of, keys};
@@ -122,7 +122,8 @@ fn score_all(asked: &ScoreArgs, store: &Store, stop: &AtomicBool) -> anyhow::Res
     let place = args.out.as_ref().map(|out| Place::of(out, store)).transpose()?;
     let found = place.as_ref().filter(|_| args.resume).map(|place| found(place, &origin)).transpose()?;
     let repeated = tell_repeated(&list, &own);
-    let inputs = || own.iter().chain(&args.manifest);
+    let files: Vec<PathBuf> = own.iter().flat_map(|file| files_of(file)).collect();
+    let inputs = || files.iter().chain(&args.manifest);
     let mut outputs = Outputs::new(args.force.force).reading_all(inputs());
     for file in args.csv.iter().chain(&args.parquet) {
         outputs.claim(file)?;

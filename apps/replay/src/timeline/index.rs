@@ -19,7 +19,7 @@ use protocol::checkpoints::CheckpointTimes;
 use protocol::message::fnv1a;
 use protocol::steps::STATE_HASH_VERSION;
 use recording::{
-    Provenance, Recording, RecordingError, STATE_HASH, Source, TRACKER, TRACKER_VERSION, Writer,
+    Provenance, Recording, RecordingError, STATE_HASH, Source, TRACKER, TRACKER_VERSION, Writer, files_of,
 };
 use rig::Rig;
 use simcore::world::World;
@@ -70,7 +70,7 @@ fn open_at(recording: &Recording, places: &[PathBuf], stop: &StopSignal) -> anyh
         }
     }
     for place in places {
-        let begun = Outputs::new(true).reading(recording.path()).grow(place);
+        let begun = Outputs::new(true).reading_all(files_of(recording.path())).grow(place);
         let mut file = match begun {
             Ok(file) => file,
             Err(why) => {
@@ -96,14 +96,24 @@ fn with_index(timeline: Timeline, index: Recording) -> Result<Timeline, Recordin
 
 /// Names a recording by its size, its ends and what reads it.
 fn identity(recording: &Recording) -> io::Result<String> {
-    let (file, bytes) = (File::open(recording.path())?, recording.bytes());
-    let mut ends = vec![0; (2 * NAMED_BY).min(bytes) as usize];
-    let half = ends.len() / 2;
-    let (head, tail) = ends.split_at_mut(half);
-    file.read_exact_at(head, 0)?;
-    file.read_exact_at(tail, bytes - tail.len() as u64)?;
-    let hash = fnv1a(&ends);
-    Ok(format!("{bytes} bytes {hash:016x}, index {VERSION}"))
+    let files = files_of(recording.path());
+    let mut hash = 0;
+    for path in &files {
+        let file = File::open(path)?;
+        let bytes = file.metadata()?.len();
+        let mut ends = vec![0; (2 * NAMED_BY).min(bytes) as usize];
+        let half = ends.len() / 2;
+        let (head, tail) = ends.split_at_mut(half);
+        file.read_exact_at(head, 0)?;
+        file.read_exact_at(tail, bytes - tail.len() as u64)?;
+        // Of one file it is the hash of its ends alone.
+        hash = if files.len() == 1 {
+            fnv1a(&ends)
+        } else {
+            fnv1a(&[hash, fnv1a(&ends)].map(u64::to_le_bytes).concat())
+        };
+    }
+    Ok(format!("{} bytes {hash:016x}, index {VERSION}", recording.bytes()))
 }
 
 /// Opens an index, if it is whole and the one that is wanted.

@@ -1,6 +1,6 @@
 //! The command line of `vitreo cut`.
 
-use super::SpanArgs;
+use super::{SpanArgs, WritingArgs};
 use outputs::Force;
 use std::path::PathBuf;
 
@@ -17,6 +17,9 @@ pub struct CutArgs {
     /// The new recording.
     #[arg(short, long, value_name = "OUT.mcap")]
     pub output: PathBuf,
+    /// How it is written.
+    #[command(flatten)]
+    pub writing: WritingArgs,
     /// Whether files that exist are written over.
     #[command(flatten)]
     pub force: Force,

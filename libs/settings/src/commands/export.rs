@@ -1,10 +1,11 @@
 //! The command line of `vitreo export`.
 
 use outputs::Force;
+use protocol::poses::BODY_NAMES;
 use std::path::PathBuf;
 
 /// Topics that can be written as tables.
-pub const TABLES: [&str; 10] = [
+pub const TABLES: [&str; 11] = [
     "handles",
     "pedal",
     "steps",
@@ -15,6 +16,7 @@ pub const TABLES: [&str; 10] = [
     "tracker-checkpoints",
     "pictures",
     "matches",
+    "poses",
 ];
 
 /// Arguments of `vitreo export`.
@@ -29,6 +31,9 @@ pub struct ExportArgs {
     /// Where `--csv` goes [default: standard output].
     #[arg(short, long, value_name = "OUT.csv", requires = "csv")]
     pub output: Option<PathBuf>,
+    /// The body whose trajectory goes into the file of --tum.
+    #[arg(long, value_name = "BODY", requires = "tum", value_parser = BODY_NAMES)]
+    pub body: Option<String>,
     /// Whether files that exist are written over.
     #[command(flatten)]
     pub force: Force,
@@ -48,7 +53,11 @@ pub struct What {
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
     /// Write a topic as a table: handles, pedal, steps, events, frames, notes, checkpoints,
-    /// tracker-checkpoints, pictures, matches (a row a blob).
+    /// tracker-checkpoints, pictures, matches (a row a blob), poses (a row a body: status, covariance, residual).
     #[arg(long, value_name = "TOPIC", value_parser = TABLES)]
     pub csv: Option<String>,
+    /// Write the measured poses as trajectories in TUM's format (timestamp tx ty tz qx qy qz qw; s, m), which evo
+    /// reads: inst0.tum, inst1.tum and eye.tum in a folder, or with --body one body's into a file.
+    #[arg(long, value_name = "DIR|OUT.tum")]
+    pub tum: Option<PathBuf>,
 }

@@ -1,5 +1,6 @@
 //! The command line of `vitreo import`.
 
+use super::WritingArgs;
 use outputs::Force;
 use std::path::PathBuf;
 
@@ -18,6 +19,9 @@ pub struct ImportArgs {
     /// The recording to write.
     #[arg(short, long, value_name = "FILE.mcap")]
     pub output: PathBuf,
+    /// How it is written.
+    #[command(flatten)]
+    pub writing: WritingArgs,
     /// Whether a file that exists is written over.
     #[command(flatten)]
     pub force: Force,

@@ -1,17 +1,21 @@
 //! The command line of `vitreo merge`.
 
+use super::WritingArgs;
 use outputs::Force;
 use std::path::PathBuf;
 
 /// Arguments of `vitreo merge`.
 #[derive(Debug, clap::Args)]
 pub struct MergeArgs {
-    /// Parts of one run, in any order; what two of them hold is taken once.
-    #[arg(value_name = "FILE.mcap", required = true, num_args = 2..)]
+    /// Parts of one run, in any order, or the name of a recording in parts; what two parts hold is taken once.
+    #[arg(value_name = "FILE.mcap", required = true, num_args = 1..)]
     pub files: Vec<PathBuf>,
     /// The whole.
     #[arg(short, long, value_name = "OUT.mcap")]
     pub output: PathBuf,
+    /// How it is written.
+    #[command(flatten)]
+    pub writing: WritingArgs,
     /// Whether files that exist are written over.
     #[command(flatten)]
     pub force: Force,

@@ -1,5 +1,6 @@
 //! The command line of `vitreo recover`.
 
+use super::WritingArgs;
 use outputs::Force;
 use std::path::PathBuf;
 
@@ -12,6 +13,9 @@ pub struct RecoverArgs {
     /// The whole recording to write.
     #[arg(short, long, value_name = "OUT.mcap")]
     pub output: PathBuf,
+    /// How it is written.
+    #[command(flatten)]
+    pub writing: WritingArgs,
     /// Whether a file that exists is written over.
     #[command(flatten)]
     pub force: Force,

@@ -2,13 +2,15 @@
 
 use super::numbers::{not_negative, positive, share};
 use super::processes::CollisionArgs;
-use super::{DrawingArgs, SpanArgs, WhatIfArgs};
+use super::{DrawingArgs, SpanArgs, WhatIfArgs, WritingArgs};
 use outputs::{Force, video_file};
 use std::path::PathBuf;
 
 /// Arguments of `vitreo replay`.
 #[derive(Debug, clap::Args)]
 #[command(mut_arg("stills", |arg| arg.conflicts_with_all(["window", "interactive"])))]
+#[command(mut_arg("compress", |arg| arg.requires("output").help_heading("What if")))]
+#[command(mut_arg("split", |arg| arg.requires("output").help_heading("What if")))]
 pub struct ReplayArgs {
     /// The recording.
     #[arg(value_name = "FILE.mcap")]
@@ -67,6 +69,9 @@ pub struct ReplayArgs {
     /// What is changed.
     #[command(flatten)]
     pub what_if: WhatIfArgs,
+    /// How the recording of a what-if is written.
+    #[command(flatten)]
+    pub writing: WritingArgs,
     /// Who looks for collisions.
     #[command(flatten)]
     pub collision: CollisionArgs,

@@ -6,8 +6,9 @@ use protocol::blobs::BlobField;
 use protocol::geometry::{Pose, Validity};
 use protocol::journal::{self, Entry};
 use protocol::poses::TrackerFrame;
-use recording::{Item, Recording, Writer};
-use std::path::PathBuf;
+use recording::{Item, Limit, Packing, PartFiles, PartsWriter, Recording, RecordingError, Writer, part_file};
+use std::fs::File;
+use std::path::{Path, PathBuf};
 
 /// Items that are kept of a recording for an input.
 const ITEMS: usize = 40;
@@ -35,20 +36,52 @@ pub fn recorded_blocks(message: &str, count: usize) -> Vec<Vec<u8>> {
     blocks
 }
 
-/// Recordings with all kinds of items, small: the beginnings of real ones.
+/// Recordings with all kinds of items, small: the beginnings of real ones, in every packing, and a part.
 pub fn recordings() -> Vec<Vec<u8>> {
-    ["corpus/peel.mcap", "corpus/vitrectomy.mcap"].map(shortened).into()
+    let name = "corpus/peel.mcap";
+    let packed = Packing::ALL.map(|packing| shortened(name, packing));
+    packed.into_iter().chain([shortened("corpus/vitrectomy.mcap", Packing::Zstd), part(name)]).collect()
 }
 
-fn shortened(name: &str) -> Vec<u8> {
+/// The first items of a recording, with their instants.
+fn first_items(name: &str) -> impl Iterator<Item = (u64, Item)> {
+    let small = |item: &Item| !matches!(item, Item::Checkpoint(_, state) if state.len() > 40_000);
+    (1000..).zip(items(name).filter(small).take(ITEMS))
+}
+
+fn shortened(name: &str, packing: Packing) -> Vec<u8> {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("short.mcap");
     let recording = Recording::open(&path(name)).expect("a recording of the repository");
-    let mut writer = Writer::create(&out, recording.provenance()).expect("a recording");
-    let small = |item: &Item| !matches!(item, Item::Checkpoint(_, state) if state.len() > 40_000);
-    for (i, item) in items(name).filter(small).take(ITEMS).enumerate() {
-        writer.write(1000 + i as u64, &item).expect("an item");
+    let file = File::create(&out).expect("a file");
+    let mut writer = Writer::packed(file, &out, recording.provenance(), packing).expect("a recording");
+    first_items(name).for_each(|(at, item)| writer.write(at, &item).expect("an item"));
+    writer.finish().expect("a recording");
+    std::fs::read(&out).expect("a recording")
+}
+
+/// The first part of a recording that is written in parts.
+fn part(name: &str) -> Vec<u8> {
+    struct Nowhere;
+    impl PartFiles for Nowhere {
+        fn begin(&mut self, path: &Path) -> Result<File, RecordingError> {
+            let problem = std::io::ErrorKind::Unsupported.into();
+            Err(RecordingError::Io { file: path.display().to_string(), problem })
+        }
+
+        fn appear(&mut self, _: &Path) -> Result<(), RecordingError> {
+            Ok(())
+        }
     }
+    let folder = tempfile::tempdir().expect("a folder");
+    let base = folder.path().join("short.mcap");
+    let out = part_file(&base, 1);
+    let recording = Recording::open(&path(name)).expect("a recording of the repository");
+    let (file, limit) = (File::create(&out).expect("a file"), Limit::Bytes(u64::MAX));
+    let (provenance, packing) = (recording.provenance(), Packing::Zstd);
+    let writer = PartsWriter::begin(&base, file, provenance, packing, limit, Box::new(Nowhere));
+    let mut writer = writer.expect("a recording");
+    first_items(name).for_each(|(at, item)| writer.write(at, &item).expect("an item"));
     writer.finish().expect("a recording");
     std::fs::read(&out).expect("a recording")
 }

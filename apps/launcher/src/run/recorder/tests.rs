@@ -4,6 +4,7 @@ use super::*;
 use bytemuck::Zeroable;
 use outputs::Outputs;
 use protocol::handles::PedalState;
+use settings::commands::WritingArgs;
 use std::sync::mpsc;
 
 /// Waits at each item for leave to go on, and keeps what it was given.
@@ -72,8 +73,9 @@ fn slow(room: usize) -> (Recorder, mpsc::Sender<()>, Arc<Mutex<Disk>>) {
     let (go, leave) = mpsc::channel();
     let kept = Arc::new(Mutex::new(Disk { room, ..Disk::default() }));
     let store = Slow { leave, kept: Arc::clone(&kept), waiting: Vec::new() };
-    let file = Outputs::new(false).grow(Path::new("/dev/null")).unwrap();
-    (Recorder::with(file, store, 4).unwrap(), go, kept)
+    let files =
+        RecordingFiles::begin(Path::new("/dev/null"), &WritingArgs::default(), &mut Outputs::new(false));
+    (Recorder::with(files.unwrap(), store, 4).unwrap(), go, kept)
 }
 
 fn noted(kept: &Disk, kind: NoteKind) -> Vec<Note> {

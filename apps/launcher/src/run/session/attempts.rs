@@ -1,10 +1,12 @@
 //! Pause, restart and next level of a run. Each attempt has a recording of its own.
 
 use super::{Attempt, CommandProgress, Session};
+use crate::run::OutputArgs;
 use crate::run::attempt_control::{ControlRequest, PendingRequest};
 use crate::run::latency_stats::WARM_UP_NS;
 use crate::run::provenance;
 use crate::run::recorder::Recorder;
+use crate::run::recorder::files::RecordingFiles;
 use crate::run::report::{Incident, RecordingFigures};
 use anyhow::bail;
 use ipc::clock::now;
@@ -178,9 +180,9 @@ impl Session<'_> {
     /// A recorder of the attempt that begins.
     fn recorder_of_attempt(&self) -> anyhow::Result<Option<Recorder>> {
         let Some(file) = &self.args.outputs.record else { return Ok(None) };
-        let file = Outputs::new(self.args.outputs.force.force).grow(file)?;
-        file.make_private()?;
-        let mut recorder = Recorder::start(file, &self.provenance)?;
+        let OutputArgs { writing, force, .. } = &self.args.outputs;
+        let files = RecordingFiles::begin(file, writing, &mut Outputs::new(force.force))?;
+        let mut recorder = Recorder::start(files, &self.provenance)?;
         recorder.appear()?;
         Ok(Some(recorder))
     }

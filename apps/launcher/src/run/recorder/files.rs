@@ -1,0 +1,141 @@
+//! The files of a recording while it is written: one, or its parts.
+
+use anyhow::Context;
+use outputs::{GrowingFile, Outputs};
+use recording::{
+    Limit, Packing, PartFiles, PartsWriter, Provenance, RecordingError, Writer, part_file, parts_of,
+};
+use settings::commands::{Split, WritingArgs};
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+
+/// Where a recording goes. Nobody but its owner reads it: what a trainee did is nobody else's business.
+pub struct RecordingFiles {
+    /// What was asked for: the file, or what the parts are named after.
+    name: PathBuf,
+    /// The file, or the first part.
+    first: GrowingFile,
+    packing: Packing,
+    limit: Option<Limit>,
+    force: bool,
+}
+
+/// Checks that a recording may be written, without beginning it.
+///
+/// # Errors
+/// Where it, or a part of it, exists or is read.
+pub fn claim(name: &Path, writing: &WritingArgs, outputs: &mut Outputs) -> anyhow::Result<()> {
+    outputs.claim(name)?;
+    if writing.split.is_none() {
+        return Ok(());
+    }
+    let first = part_file(name, 1);
+    let mut parts = parts_of(name);
+    parts.retain(|part| *part != first);
+    std::iter::once(first).chain(parts).try_for_each(|part| outputs.claim(&part))?;
+    Ok(())
+}
+
+impl RecordingFiles {
+    /// Begins the file, or the first part, which [`RecordingFiles::appear`] gives its name.
+    ///
+    /// # Errors
+    /// Where it exists, or cannot be made.
+    pub fn begin(name: &Path, writing: &WritingArgs, outputs: &mut Outputs) -> anyhow::Result<Self> {
+        let limit = writing.split.map(limit_of);
+        let first = if limit.is_some() { part_file(name, 1) } else { name.into() };
+        let first = outputs.grow(&first)?;
+        first.make_private()?;
+        let packing = Packing::named(&writing.compress).unwrap_or_default();
+        Ok(RecordingFiles { name: name.into(), first, packing, limit, force: outputs.is_forced() })
+    }
+
+    /// What was asked for.
+    pub fn name(&self) -> &Path {
+        &self.name
+    }
+
+    /// True if it is written in parts.
+    pub fn is_split(&self) -> bool {
+        self.limit.is_some()
+    }
+
+    /// Writes the one file.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn writer(&self, provenance: &Provenance) -> anyhow::Result<Writer> {
+        Ok(Writer::packed(self.first.handle()?, self.first.path(), provenance, self.packing)?)
+    }
+
+    /// Writes the parts; `None` where one file is asked for.
+    ///
+    /// # Errors
+    /// Where the first one cannot be written.
+    pub fn parts_writer(&self, provenance: &Provenance) -> anyhow::Result<Option<PartsWriter>> {
+        let Some(limit) = self.limit else { return Ok(None) };
+        let files = Box::new(Further { first: self.first.path().into(), force: self.force, file: None });
+        let first = self.first.handle()?;
+        Ok(Some(PartsWriter::begin(&self.name, first, provenance, self.packing, limit, files)?))
+    }
+
+    /// Gives the file its name: what it records has begun. Parts of a recording of that name, which is written
+    /// over, are removed: they would be taken for parts of this one.
+    ///
+    /// # Errors
+    /// Where the name was taken meanwhile, or an old part cannot be removed.
+    pub fn appear(&mut self) -> anyhow::Result<()> {
+        if self.force && self.is_split() {
+            let old = parts_of(&self.name).into_iter().filter(|part| part != self.first.path());
+            let whole = self.name.is_file().then(|| self.name.clone());
+            for file in old.chain(whole) {
+                fs::remove_file(&file).with_context(|| format!("remove {}", file.display()))?;
+            }
+        }
+        Ok(self.first.appear()?)
+    }
+}
+
+/// A length or size as the writer takes it.
+fn limit_of(split: Split) -> Limit {
+    match split {
+        Split::Seconds(seconds) => Limit::Time((seconds * 1e9) as u64),
+        Split::Bytes(bytes) => Limit::Bytes(bytes),
+    }
+}
+
+/// Makes the further parts while a run goes on.
+struct Further {
+    /// The first part, which has its name once the run has begun.
+    first: PathBuf,
+    force: bool,
+    /// The part that has no name yet.
+    file: Option<GrowingFile>,
+}
+
+impl Further {
+    fn refused(path: &Path, problem: impl ToString) -> RecordingError {
+        RecordingError::Write { file: path.display().to_string(), problem: problem.to_string() }
+    }
+}
+
+impl PartFiles for Further {
+    fn begin(&mut self, path: &Path) -> Result<File, RecordingError> {
+        if !self.first.exists() {
+            return Err(Self::refused(path, "the first part has no name yet"));
+        }
+        let begun = Outputs::new(self.force).grow(path).and_then(|file| {
+            file.make_private()?;
+            Ok((file.handle()?, file))
+        });
+        let (handle, file) = begun.map_err(|problem| Self::refused(path, problem))?;
+        self.file = Some(file);
+        Ok(handle)
+    }
+
+    fn appear(&mut self, path: &Path) -> Result<(), RecordingError> {
+        // Its lock lasts as long as the writer has it open.
+        let named = self.file.take().map_or(Ok(()), |mut file| file.appear());
+        named.map_err(|problem| Self::refused(path, problem))
+    }
+}
