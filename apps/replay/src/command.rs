@@ -4,6 +4,7 @@
 use crate::engine::{Made, Recorded, Streamed, stream};
 use crate::film::PICTURES_PER_S;
 use crate::interactive;
+use crate::other_build;
 use crate::pace::{Pace, Part, Stopped};
 use crate::report::{Figures, Products};
 use crate::resimulate::scene_of;
@@ -34,6 +35,9 @@ use std::time::Instant;
 pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     if what_if::is_wanted(&args.what_if) {
         return what_if::run(args);
+    }
+    if let Some(program) = &args.with {
+        return other_build::run(args, program);
     }
     let recording = Recording::open(&args.file)?;
     let desk = recording.provenance().config.contains_key(recording::DESK);

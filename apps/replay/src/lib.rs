@@ -25,6 +25,7 @@ pub mod interactive;
 pub mod line_plot;
 pub mod matched;
 pub mod merge;
+pub mod other_build;
 pub mod pace;
 pub mod perception;
 pub mod plot;

@@ -11,6 +11,7 @@
 pub mod keys;
 pub mod outcome;
 
+use crate::pace::Stopped;
 use crate::resimulate::scene_of;
 use anyhow::{Context, bail};
 use ipc::logging::{inform, warn};
@@ -48,7 +49,7 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
     let setting = setting(&recording, &args.what_if)?;
     let mut output = outputs.grow(path)?;
-    let done = write(&recording, &setting, &output)?;
+    let done = write(&recording, &setting, &output, || false)?;
     output.appear()?;
     inform(&format!(
         "{}: {} frames, {} steps; changed: {}",
@@ -63,13 +64,24 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::from(if done.lost.is_some() { LOSS } else { 0 }))
 }
 
-/// Writes what comes of a recording.
-fn write(recording: &Recording, setting: &Setting, output: &GrowingFile) -> anyhow::Result<outcome::Done> {
+/// Writes what comes of a recording, until that is `stopped`.
+///
+/// # Errors
+/// Where nothing can be made of it, the output cannot be written, or it was stopped.
+pub fn write(
+    recording: &Recording,
+    setting: &Setting,
+    output: &GrowingFile,
+    stopped: impl Fn() -> bool,
+) -> anyhow::Result<outcome::Done> {
     let bar = counter("steps");
     let mut writer = Writer::on(output.handle()?, output.path(), &setting.provenance)?;
     let done = Outcome::new(recording, setting)?.run(|at, item| {
         if matches!(item, recording::Item::Step(_)) {
             bar.inc(1);
+        }
+        if stopped() {
+            bail!(Stopped);
         }
         Ok(writer.write(at, item)?)
     })?;
