@@ -6,14 +6,17 @@
 //! consumed. So what differs comes of the change alone. The new recording says of which one it is, and what
 //! was changed ([`changed`]); it verifies to the bit as a live one does.
 //!
-//! - [`keys`]: what may be set; [`outcome`]: what comes of it, item by item
+//! - [`keys`]: what may be set; [`outcome`]: what comes of it, item by item; [`beginning`]: of recordings that were
+//!   cut
 
+pub mod beginning;
 pub mod keys;
 pub mod outcome;
 
 use crate::pace::Stopped;
 use crate::resimulate::scene_of;
 use anyhow::{Context, bail};
+use beginning::Beginning;
 use ipc::logging::{inform, warn};
 use keys::{SCENE, TRACKER, assign, tuning_of};
 use outcome::{Outcome, Setting};
@@ -58,6 +61,7 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
         done.steps,
         changed(&setting)
     ));
+    Beginning::of(&recording, &setting)?.text().iter().for_each(|text| inform(text));
     if let Some(lost) = &done.lost {
         warn(&format!("{}: has gaps; the first: {lost}", args.file.display()));
     }
