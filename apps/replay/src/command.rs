@@ -4,6 +4,7 @@
 use crate::engine::{Made, Recorded, Streamed, stream};
 use crate::film::PICTURES_PER_S;
 use crate::interactive;
+use crate::likely_cause;
 use crate::other_build;
 use crate::pace::{Pace, Part, Stopped};
 use crate::report::{Figures, Products};
@@ -73,6 +74,9 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     pictures.iter().for_each(|pictures| print_pictures(args, *pictures));
     if stopped && args.is_unpaced() {
         bail!(Stopped);
+    }
+    if !stopped && let Some(cause) = likely_cause::at_end(&recording, || stop.is_raised()) {
+        println!("{cause}");
     }
     judge(args, &figures)
 }

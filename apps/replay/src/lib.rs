@@ -22,6 +22,7 @@ pub mod import;
 pub mod info;
 pub mod inspect;
 pub mod interactive;
+pub mod likely_cause;
 pub mod line_plot;
 pub mod matched;
 pub mod merge;
