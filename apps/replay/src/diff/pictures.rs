@@ -57,7 +57,8 @@ fn draw(file: &Path, exposed_ns: Nanos, at_s: f64) -> anyhow::Result<Drawn> {
     if provenance.scene_toml.trim().is_empty() {
         bail!("it was recorded without a scene");
     }
-    if let Some(version) = provenance.other_state_hash_version() {
+    // A stream has no states.
+    if let (Source::Live, Some(version)) = (provenance.source, provenance.other_state_hash_version()) {
         bail!("its states are of another build (version {version}): this one would simulate another eye");
     }
     let rig = Rig::parse(&provenance.rig_json, "of the recording")?;
