@@ -104,6 +104,23 @@ impl Film {
         Ok(())
     }
 
+    /// Draws one scene with the poses of its step, of which nothing is written: a JPEG of at most so many bytes, where
+    /// one of the qualities is as small as that.
+    ///
+    /// # Errors
+    /// If the scene makes no sense, or the device is lost.
+    pub fn picture_of(
+        &mut self,
+        header: &SceneHeader,
+        poses: &TrackerFrame,
+        payload: &[u8],
+        most_bytes: usize,
+    ) -> Result<Vec<u8>> {
+        self.offscreen.renderer.take_scene(&self.offscreen.gpu, header, payload)?;
+        self.draw(poses)?;
+        jpeg(&self.picture, most_bytes)
+    }
+
     /// Closes the film.
     ///
     /// # Errors
@@ -152,6 +169,11 @@ impl Film {
 }
 
 fn save_jpeg(path: &Path, picture: &Picture, most_bytes: usize) -> Result<()> {
+    Ok(Outputs::new(true).write(path, jpeg(picture, most_bytes)?)?)
+}
+
+/// The best of the qualities that is no larger, else the smallest.
+fn jpeg(picture: &Picture, most_bytes: usize) -> Result<Vec<u8>> {
     let (pixels, mut file) = (rgb(picture), Vec::new());
     for quality in QUALITIES {
         file.clear();
@@ -161,5 +183,5 @@ fn save_jpeg(path: &Path, picture: &Picture, most_bytes: usize) -> Result<()> {
             break;
         }
     }
-    Ok(Outputs::new(true).write(path, file)?)
+    Ok(file)
 }

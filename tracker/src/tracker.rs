@@ -143,6 +143,12 @@ impl Tracker {
         self.watch.as_mut().and_then(CameraWatch::take_notice)
     }
 
+    /// Forgets everything; the next frame has this number, as within a recording that is run again.
+    pub fn begin_at(&mut self, frame: u64) {
+        self.reset();
+        self.frame = frame;
+    }
+
     /// Forgets everything; the next frame has number 0.
     pub fn reset(&mut self) {
         *self.tracks = Default::default();

@@ -8,6 +8,7 @@
 //! - `channel_tap`, `recorder`, `resume`: what is received, written, and kept for a restarted
 //!   simulation
 //! - `watch`: what should not stay silent
+//! - `likely_cause`: why the cameras' residuals are large, at the end
 //! - `latency_stats`, `load`, `report`: latencies against budgets; `monitor`, `screen`: the status
 
 mod arguments;
@@ -16,6 +17,7 @@ mod cameras;
 mod channel_tap;
 mod handed_on;
 mod latency_stats;
+mod likely_cause;
 mod load;
 mod monitor;
 mod options;
@@ -83,7 +85,7 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let view = args.view(has_display());
     let mut outputs = args.prepare()?;
     let budgets = args.budget_table()?;
-    let mut session = Session::open(args, composed.as_mut(), view, &budgets, &mut outputs, stop)?;
+    let mut session = Session::open(args, composed.as_mut(), view, &budgets, &mut outputs, stop.clone())?;
     let outcome = session.run().await;
     let ended_by = match &outcome {
         Ok(why) => (*why).to_string(),
@@ -97,6 +99,7 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     if ran {
         print!("{}", report.text());
         attempts.iter().for_each(|a| print!("{}", attempt_text(a, attempts.len())));
+        likely_cause::tell(&report, args.desk.is_none(), &stop).await;
     }
     outcome?;
     if let Some(trainee) = &args.training.trainee {

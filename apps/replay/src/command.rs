@@ -4,6 +4,8 @@
 use crate::engine::{Made, Recorded, Streamed, stream};
 use crate::film::PICTURES_PER_S;
 use crate::interactive;
+use crate::likely_cause;
+use crate::other_build;
 use crate::pace::{Pace, Part, Stopped};
 use crate::report::{Figures, Products};
 use crate::resimulate::scene_of;
@@ -34,6 +36,9 @@ use std::time::Instant;
 pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     if what_if::is_wanted(&args.what_if) {
         return what_if::run(args);
+    }
+    if let Some(program) = &args.with {
+        return other_build::run(args, program);
     }
     let recording = Recording::open(&args.file)?;
     let desk = recording.provenance().config.contains_key(recording::DESK);
@@ -69,6 +74,9 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     pictures.iter().for_each(|pictures| print_pictures(args, *pictures));
     if stopped && args.is_unpaced() {
         bail!(Stopped);
+    }
+    if !stopped && let Some(cause) = likely_cause::at_end(&recording, || stop.is_raised()) {
+        println!("{cause}");
     }
     judge(args, &figures)
 }

@@ -6,7 +6,8 @@
 //! - [`causes`]: the catalogue of causes; `from_provenance` reads them from rig, scene and settings,
 //!   `from_inputs` and `exchanged` from presence, stamps and blobs ([`blobs`] matches them, [`models`] says what each cause
 //!   does to them)
-//! - [`comparison`]: all of it together; `text` and [`page`]: for people
+//! - [`comparison`]: all of it together; `text` and [`page`]: for people; [`instant`], `pictures`: where
+//!   the difference is largest, drawn
 
 pub mod blobs;
 pub mod causes;
@@ -16,14 +17,16 @@ mod exchanged;
 mod from_inputs;
 mod from_provenance;
 pub mod inputs;
+pub mod instant;
 pub mod models;
 pub mod outcome;
 pub mod page;
+mod pictures;
 pub mod poses;
 pub mod provenance;
 pub mod side;
 pub mod spectrum;
-mod text;
+pub mod text;
 
 use anyhow::Context;
 use comparison::Comparison;
@@ -48,23 +51,37 @@ pub fn run(args: &DiffArgs) -> anyhow::Result<ExitCode> {
         outputs.claim(path)?;
     }
     let [a, b] = read(&args.a, &args.b, !args.quick)?;
-    let comparison = Comparison::of(&a, &b, args.tolerance);
+    let mut comparison = Comparison::recorded(&a, &b, args.tolerance);
     for (side, name) in [(&a, "A"), (&b, "B")] {
         side.losses.iter().take(1).for_each(|loss| warn(&format!("{name} is not whole: {loss}")));
     }
-    if args.json.as_deref() != Some(Path::new(STDOUT)) {
-        print!("{}", text::text(&comparison));
+    let shows = args.json.as_deref() != Some(Path::new(STDOUT));
+    if shows {
+        print!("{}", text::recorded(&comparison));
+    }
+    find_causes(&mut comparison, &a, &b);
+    if shows {
+        print!("{}", text::causes(&comparison));
     }
     if let Some(path) = &args.plot {
         outputs.write(path, bytes(&page::plot(&comparison), Format::of(path)?)?)?;
     }
     if let Some(path) = &args.html {
-        outputs.write(path, page::html(&comparison)?)?;
+        let instant = instant::of(&comparison, &a, &b);
+        let pictures = instant.as_ref().map(|at| pictures::both(&args.a, &args.b, at));
+        outputs.write(path, page::html(&comparison, instant.as_ref().zip(pictures.as_ref()))?)?;
     }
     if let Some(path) = &args.json {
         outputs.write(path, serde_json::to_string_pretty(&comparison)? + "\n")?;
     }
     Ok(if comparison.same { ExitCode::SUCCESS } else { ExitCode::from(DIFFERS) })
+}
+
+/// Finds the causes, and shows how far the search is.
+pub fn find_causes(comparison: &mut Comparison, a: &Side, b: &Side) {
+    let bar = counter("steps of the search for causes");
+    comparison.find_causes(a, b, &|| bar.inc(1));
+    bar.finish_and_clear();
 }
 
 /// Reads both recordings at the same time.

@@ -139,7 +139,7 @@ impl Recorded {
     /// tracker knew then.
     pub(crate) fn is_before_beginning(&mut self, turn: &FrameTurn) -> bool {
         let Recorded { begins_with, tracker, frames, .. } = self;
-        is_before_beginning(begins_with, tracker, frames, turn)
+        is_before_beginning(begins_with, tracker.as_mut().map(|(tracker, _)| tracker), frames, turn)
     }
 
     /// What the tracker makes of a frame; `None` at a desk.
@@ -176,7 +176,7 @@ impl Recorded {
 }
 
 /// What the tracker knew where a recording was cut.
-fn tracker_at_start(recording: &Recording) -> Option<(TrackerCheckpointHeader, SavedState)> {
+pub(crate) fn tracker_at_start(recording: &Recording) -> Option<(TrackerCheckpointHeader, SavedState)> {
     if !recording.provenance().config.contains_key(CUT) {
         return None;
     }
@@ -188,9 +188,9 @@ fn tracker_at_start(recording: &Recording) -> Option<(TrackerCheckpointHeader, S
 }
 
 /// As [`Recorded::is_before_beginning`].
-fn is_before_beginning(
+pub(crate) fn is_before_beginning(
     begins_with: &mut Option<(TrackerCheckpointHeader, SavedState)>,
-    tracker: &mut Option<(Tracker, Report)>,
+    tracker: Option<&mut Tracker>,
     frames: &mut Frames,
     turn: &FrameTurn,
 ) -> bool {
@@ -199,7 +199,7 @@ fn is_before_beginning(
     if (recorded.frame, recorded.instants.exposed) != (header.frame, header.exposed_ns) {
         return true;
     }
-    let restored = tracker.as_mut().map_or(Ok(()), |(tracker, _)| tracker.restore(state));
+    let restored = tracker.map_or(Ok(()), |tracker| tracker.restore(state));
     match restored {
         Ok(()) => frames.go_on_determined(),
         Err(problem) => tracing::warn!("what the tracker knew at the cut is of no use: {problem}"),

@@ -2,6 +2,7 @@
 
 mod chart;
 
+use crate::likely_cause::{self, OfLast};
 use crate::matched;
 use anyhow::{Context, bail};
 use calibration::causes::{Judgement, judge};
@@ -19,9 +20,12 @@ use serde::Serialize;
 use settings::commands::ResidualsArgs;
 use std::ops::ControlFlow;
 use std::process::ExitCode;
+use std::time::{Duration, Instant};
 
 /// How much of a recording is judged for causes, ns: more needs memory, and shows no more.
 const CAUSES_NS: u64 = 60_000_000_000;
+/// Longest time that a search is given, s: more is no bound, and no clock counts so far.
+const LONGEST_S: f64 = 1e6;
 
 /// What is printed as JSON.
 #[derive(Serialize)]
@@ -32,6 +36,8 @@ struct Figures<'a> {
     frames: u64,
     residuals: &'a [ResidualRow],
     causes: Option<&'a Judgement>,
+    /// What the end of a run says of them; none where nothing is to be said.
+    likely_cause: Option<String>,
     damage: Option<String>,
 }
 
@@ -55,6 +61,9 @@ impl Figures<'_> {
 pub fn run(args: &ResidualsArgs) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
     let rig = rig_of(&recording)?;
+    if let Some(last_s) = args.last {
+        return of_last(args, &recording, &rig, last_s);
+    }
     let mut outputs = Outputs::new(args.force.force).reading_all(recording::files_of(&args.file));
     let format = args.plot.as_deref().map(Format::of).transpose()?;
     args.plot.iter().try_for_each(|plot| outputs.claim(plot))?;
@@ -70,13 +79,14 @@ pub fn run(args: &ResidualsArgs) -> anyhow::Result<ExitCode> {
     if rows.is_empty() && !args.causes {
         bail!("{}: no blob of {frames} tracker frames measured a pose", args.file.display());
     }
-    let causes = args.causes.then(|| causes(&recording, &rig));
+    let causes = args.causes.then(|| causes(&recording, &rig, args.within));
     let figures = Figures {
         file: args.file.display().to_string(),
         recorded: outcome.recorded,
         frames,
         residuals: &rows,
         causes: causes.as_ref(),
+        likely_cause: causes.as_ref().and_then(|judgement| judgement.paragraph(0.0)),
         damage: outcome.damage.as_ref().map(ToString::to_string),
     };
     if args.json {
@@ -93,8 +103,26 @@ pub fn run(args: &ResidualsArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::from(LOSS))
 }
 
+/// The causes of the last seconds alone.
+fn of_last(args: &ResidualsArgs, recording: &Recording, rig: &Rig, last_s: f64) -> anyhow::Result<ExitCode> {
+    let found = shown(args.within, |go_on| likely_cause::of_last(recording, rig, last_s, go_on))?;
+    let OfLast { judgement, starts_s } = &found;
+    if args.json {
+        let figures = serde_json::json!({
+            "file": args.file.display().to_string(),
+            "starts_s": starts_s,
+            "causes": judgement,
+            "likely_cause": found.paragraph(),
+        });
+        println!("{}", serde_json::to_string_pretty(&figures)?);
+    } else {
+        println!("of the blobs from {starts_s:.1} s on: {}", judgement.text());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
 /// Judges the first minute of a recording's blobs.
-fn causes(recording: &Recording, rig: &Rig) -> Judgement {
+fn causes(recording: &Recording, rig: &Rig, within_s: Option<f64>) -> Judgement {
     let mut fields: Vec<BlobField> = Vec::new();
     for item in recording.items_of(&[BlobField::CHANNEL]).flatten() {
         let Item::Blobs(field) = item.1 else { continue };
@@ -104,13 +132,20 @@ fn causes(recording: &Recording, rig: &Rig) -> Judgement {
         }
         fields.push(*field);
     }
+    shown(within_s, |go_on| judge(rig, &fields, go_on))
+}
+
+/// A search for causes, with a bar that shows how far it is, and within its time.
+fn shown<T>(within_s: Option<f64>, search: impl FnOnce(&(dyn Fn(usize, usize) -> bool + Sync)) -> T) -> T {
+    let until = within_s.map(|s| Instant::now() + Duration::from_secs_f64(s.min(LONGEST_S)));
     let bar = files_bar(0, "causes");
-    let judgement = judge(rig, &fields, |done, all| {
+    let found = search(&|done, all| {
         bar.set_length(all as u64);
         bar.set_position(done as u64);
+        until.is_none_or(|until| Instant::now() < until)
     });
     bar.finish_and_clear();
-    judgement
+    found
 }
 
 /// The rig of a recording with cameras.

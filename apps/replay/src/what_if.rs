@@ -6,14 +6,18 @@
 //! consumed. So what differs comes of the change alone. The new recording says of which one it is, and what
 //! was changed ([`changed`]); it verifies to the bit as a live one does.
 //!
-//! - [`keys`]: what may be set; [`outcome`]: what comes of it, item by item
+//! - [`keys`]: what may be set; [`outcome`]: what comes of it, item by item; [`beginning`]: of recordings that were
+//!   cut
 
+pub mod beginning;
 pub mod keys;
 pub mod outcome;
 
 use crate::new_recording::{NewRecording, claim};
+use crate::pace::Stopped;
 use crate::resimulate::scene_of;
 use anyhow::{Context, bail};
+use beginning::Beginning;
 use ipc::logging::{inform, warn};
 use keys::{SCENE, TRACKER, assign, tuning_of};
 use outcome::{Outcome, Setting};
@@ -49,7 +53,7 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
     let setting = setting(&recording, &args.what_if)?;
     let output = NewRecording::begin(path, &args.writing, &mut outputs)?;
-    let done = write(&recording, &setting, &output)?;
+    let done = write(&recording, &setting, &output, || false)?;
     output.appear()?;
     inform(&format!(
         "{}: {} frames, {} steps; changed: {}",
@@ -58,19 +62,31 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
         done.steps,
         changed(&setting)
     ));
+    Beginning::of(&recording, &setting)?.text().iter().for_each(|text| inform(text));
     if let Some(lost) = &done.lost {
         warn(&format!("{}: has gaps; the first: {lost}", args.file.display()));
     }
     Ok(ExitCode::from(if done.lost.is_some() { LOSS } else { 0 }))
 }
 
-/// Writes what comes of a recording.
-fn write(recording: &Recording, setting: &Setting, output: &NewRecording) -> anyhow::Result<outcome::Done> {
+/// Writes what comes of a recording, until that is `stopped`.
+///
+/// # Errors
+/// Where nothing can be made of it, the output cannot be written, or it was stopped.
+pub fn write(
+    recording: &Recording,
+    setting: &Setting,
+    output: &NewRecording,
+    stopped: impl Fn() -> bool,
+) -> anyhow::Result<outcome::Done> {
     let bar = counter("steps");
     let mut writer = output.writer(&setting.provenance)?;
     let done = Outcome::new(recording, setting)?.run(|at, item| {
         if matches!(item, recording::Item::Step(_)) {
             bar.inc(1);
+        }
+        if stopped() {
+            bail!(Stopped);
         }
         Ok(writer.write(at, item)?)
     })?;

@@ -184,8 +184,10 @@ impl GrowingFile {
 /// Temporary names of this program. Those that are left are of files that are not whole.
 static TEMPORARY: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-/// Removes the files of this program that have no name yet, for a program that is about to end at once.
+/// Removes the files of this program that have no name yet, and its scratch folders, for a program that is
+/// about to end at once.
 pub fn remove_unfinished() {
+    super::scratch::remove_all();
     let names = TEMPORARY.lock().unwrap_or_else(PoisonError::into_inner);
     names.iter().for_each(|name| drop(fs::remove_file(name)));
 }

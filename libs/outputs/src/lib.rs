@@ -6,6 +6,7 @@
 //!   it, brought to the disk and renamed ([`OutputFile`]).
 //! - What is written while something runs (a recording, a film) gets its name once the run has
 //!   begun, and grows from then on, so that a crash costs its end only ([`GrowingFile`]).
+//! - What a command needs in between lies in a folder that goes with it ([`Scratch`]).
 //! - `-` is standard output. A pipe or a device is written as it is. Folders are made where they
 //!   are missing.
 //! - [`print!`] and [`println!`] are the standard ones, but do not end the program where nobody
@@ -16,12 +17,14 @@ pub mod exit;
 mod file;
 mod printable;
 pub mod progress;
+mod scratch;
 mod stdout;
 mod video;
 
 pub use claim::{FILM_STILLS, Names, Outputs, STILLS};
 pub use file::{GrowingFile, OutputFile, remove_unfinished, save};
 pub use printable::printable;
+pub use scratch::Scratch;
 pub use stdout::{exit_code, standard_output_failure, write_to_stdout};
 pub use video::{VideoFormat, video_file};
 

@@ -158,8 +158,7 @@ impl Defect {
                     && (Vector3::from(*by) - by_mm).norm() < 0.25 * by_mm.norm()
             }
             (Defect::ColoursSwapped { colours }, Cause::ColoursSwapped { colours: found, .. }) => {
-                let names = colours.map(Colour::name);
-                *found == names || *found == [names[1], names[0]]
+                found == colours || *found == [colours[1], colours[0]]
             }
             (Defect::CamerasSwapped { cameras }, Cause::CamerasSwapped { cameras: found }) => {
                 cameras == found

@@ -65,7 +65,7 @@ pub fn plant(defect: Defect, scenario: Scenario, seed: u64, seconds: f64, from_s
             let factor = 1.0 + random.between(0.012, 0.03) * if seed.is_multiple_of(2) { 1.0 } else { -1.0 };
             planted.fields = recipe.draw(&rig).fields;
             planted.rig.cameras.iter_mut().flat_map(|c| &mut c.t).for_each(|t| *t *= factor);
-            planted.truth = Some(Cause::Scale { factor });
+            planted.truth = Some(Cause::Scale { camera: None, factor });
         }
         Defect::MarkerMoved => {
             let (true_rig, cause) = with_moved_marker(&rig, &mut random);
@@ -77,8 +77,8 @@ pub fn plant(defect: Defect, scenario: Scenario, seed: u64, seconds: f64, from_s
             let turn = to * random.between(1e-3, 6e-3);
             let knock = Knock { camera, at_s: from_s, turn, shift_mm: Vector3::zeros(), goes_on: false };
             planted.fields = Recipe { knocks: vec![knock], ..recipe }.draw(&rig).fields;
-            let shift_mm = 0.0;
-            planted.truth = Some(Cause::CameraMoved { camera, turn_rad: turn.norm(), shift_mm });
+            let turn_deg = turn.norm().to_degrees();
+            planted.truth = Some(Cause::CameraMoved { camera, turn_deg, shift_mm: 0.0 });
             planted.since_s = from_s;
         }
         Defect::Progressive => {
@@ -97,11 +97,11 @@ pub fn plant(defect: Defect, scenario: Scenario, seed: u64, seconds: f64, from_s
 impl Planted {
     /// Does to the blobs from an instant on, s after the first, what the defect does.
     fn spoil_from(&mut self, from_s: f64) {
-        let Some(cause) = self.truth else { return };
+        let Some(cause) = &self.truth else { return };
         let begin = self.fields.iter().map(|f| f.exposed_ns).min().unwrap_or(0);
         let from_ns = begin + (from_s * 1e9) as u64;
         let late = self.fields.iter_mut().filter(|f| f.exposed_ns >= from_ns);
-        late.for_each(|field| spoil(&cause, field));
+        late.for_each(|field| spoil(cause, field));
         self.since_s = from_s;
     }
 }
@@ -122,15 +122,15 @@ fn of_blobs(defect: Defect, rig: &Rig, camera: u32, random: &mut Random) -> Opti
             let first = random.below(all.len());
             let mut colours = [all[first], all[(first + 1 + random.below(all.len() - 1)) % all.len()]];
             colours.sort_unstable();
-            Cause::ColoursSwapped { colours }
+            Cause::ColoursSwapped { colours, cameras: Vec::new() }
         }
         Defect::ParitySwapped => {
             let camera = if random.once_in(2) { None } else { Some(camera) };
             Cause::ParitySwapped { camera }
         }
         Defect::StampsShifted => {
-            let late_ms = random.between(2.0, 9.0) * if random.once_in(2) { 1.0 } else { -1.0 };
-            Cause::StampsShifted { camera, late_ms }
+            let by_ms = random.between(2.0, 9.0) * if random.once_in(2) { 1.0 } else { -1.0 };
+            Cause::ClockShifted { camera, by_ms }
         }
         _ => return None,
     })
@@ -140,14 +140,14 @@ fn spoil(cause: &Cause, field: &mut BlobField) {
     let exchanged = |pair: [u32; 2], v: u32| pair.iter().position(|p| *p == v).map_or(v, |at| pair[1 - at]);
     match cause {
         Cause::CamerasSwapped { cameras } => field.camera = exchanged(*cameras, field.camera),
-        Cause::ColoursSwapped { colours } => {
+        Cause::ColoursSwapped { colours, .. } => {
             let count = field.blobs().len();
             let pair = colours.map(|c| c as u32);
             field.blobs[..count].iter_mut().for_each(|b| b.colour = exchanged(pair, b.colour));
         }
         Cause::ParitySwapped { camera } if camera.is_none_or(|id| id == field.camera) => field.parity ^= 1,
-        Cause::StampsShifted { camera, late_ms } if *camera == field.camera => {
-            field.exposed_ns = field.exposed_ns.saturating_add_signed((late_ms * 1e6) as i64);
+        Cause::ClockShifted { camera, by_ms } if *camera == field.camera => {
+            field.exposed_ns = field.exposed_ns.saturating_add_signed((by_ms * 1e6) as i64);
         }
         _ => {}
     }
@@ -163,16 +163,16 @@ fn with_moved_marker(rig: &Rig, random: &mut Random) -> (Rig, Cause) {
     let shift = to * random.between(0.15, 0.4);
     let p = &mut own.markers[marker].p;
     *p = (Vector3::from(*p) + shift).into();
-    (moved, Cause::MarkerMoved { body, marker, shift_mm: shift.into() })
+    (moved, Cause::marker_moved(body, marker, shift.into()))
 }
 
 /// True if an explanation is the truth: the same cause of the same camera, marker or colours.
 pub fn is_truth(named: &Cause, truth: &Cause) -> bool {
     match (named, truth) {
-        (Cause::StampsShifted { camera: a, late_ms: x }, Cause::StampsShifted { camera: b, late_ms: y }) => {
+        (Cause::ClockShifted { camera: a, by_ms: x }, Cause::ClockShifted { camera: b, by_ms: y }) => {
             a == b && (x - y).abs() < 1.5
         }
-        (Cause::Scale { factor: a }, Cause::Scale { factor: b }) => (a - b).abs() < 0.006,
+        (Cause::Scale { factor: a, .. }, Cause::Scale { factor: b, .. }) => (a - b).abs() < 0.006,
         (Cause::MarkerMoved { body: a, marker: m, .. }, Cause::MarkerMoved { body: b, marker: n, .. }) => {
             (a, m) == (b, n)
         }

@@ -14,8 +14,8 @@ fn each_defect_is_named_and_no_innocent_with_it() {
     let mut named = 0;
     for defect in Defect::ALL.into_iter().filter(|d| *d != Defect::None) {
         let planted = planted(defect, 1);
-        let truth: Cause = planted.truth.expect("a defect");
-        let judged = judge(&planted.rig, &planted.fields, |_, _| {});
+        let truth: Cause = planted.truth.clone().expect("a defect");
+        let judged = judge(&planted.rig, &planted.fields, |_, _| true);
         println!("{truth}\n    {}", judged.text());
         assert_eq!(judged.verdict, Verdict::Explained, "{defect:?}: {}", judged.text());
         assert!(
@@ -33,7 +33,7 @@ fn each_defect_is_named_and_no_innocent_with_it() {
 fn where_nothing_is_wrong_nothing_is_named() {
     for seed in 1..4 {
         let planted = planted(Defect::None, seed);
-        let judged = judge(&planted.rig, &planted.fields, |_, _| {});
+        let judged = judge(&planted.rig, &planted.fields, |_, _| true);
         assert_eq!(
             (judged.verdict, judged.explanations.len()),
             (Verdict::NothingWrong, 0),

@@ -42,6 +42,13 @@ pub struct StageDifference {
     pub entry: String,
 }
 
+impl StageDifference {
+    /// Name of the stage.
+    pub fn name(&self) -> String {
+        format!("{:?}", self.stage).to_lowercase()
+    }
+}
+
 /// Steps.
 #[derive(Debug, Default, Serialize)]
 pub struct StateFigures {
@@ -90,11 +97,21 @@ pub struct Comparison {
     /// First exposure of the first recording, ns.
     #[serde(skip)]
     pub start_ns: u64,
+    /// Camera-fields, paired.
+    #[serde(skip)]
+    pub fields: FieldPairs,
 }
 
 impl Comparison {
-    /// Compares two recordings.
+    /// Compares two recordings, and finds the causes of what differs.
     pub fn of(a: &Side, b: &Side, tolerance_um: f64) -> Self {
+        let mut comparison = Self::recorded(a, b, tolerance_um);
+        comparison.find_causes(a, b, &|| ());
+        comparison
+    }
+
+    /// Compares what was recorded; no cause is named yet.
+    pub fn recorded(a: &Side, b: &Side, tolerance_um: f64) -> Self {
         let fields = inputs::pair_fields(a, b);
         let (input_figures, first_input) = inputs::compare(a, b, &fields);
         let keys = provenance::compare(a, b);
@@ -135,8 +152,8 @@ impl Comparison {
             let entry = format!("state_hash of step {}", step.step);
             stage(StageName::States, exposed.and_then(at), Some(step.field), entry);
         }
-        if let Some((ns, field, entry)) = &event_figures.first {
-            stage(StageName::Events, at(*ns), Some(*field), entry.clone());
+        if let Some(first) = &event_figures.first {
+            stage(StageName::Events, at(first.exposed_ns), Some(first.field), first.what.clone());
         }
         let mut comparison = Comparison {
             a: a.file.display().to_string(),
@@ -155,8 +172,8 @@ impl Comparison {
             latencies: outcome::latencies(a, b),
             frames,
             start_ns,
+            fields,
         };
-        comparison.causes = comparison.find_causes(a, b, &fields);
         comparison.same = comparison.is_same();
         comparison
     }
@@ -171,10 +188,11 @@ impl Comparison {
         self.poses.bodies.iter().all(close) && self.poses.frames_missing == 0 && self.events.unpaired == 0
     }
 
-    /// Every cause, in causal order; what is left without one is said to be unexplained.
-    fn find_causes(&self, a: &Side, b: &Side, fields: &FieldPairs) -> Vec<Finding> {
-        let differ = self.inputs.blobs_differ + self.inputs.stamps_differ > 0;
-        let of_blobs = if differ { from_inputs::of_blobs(a, b, fields) } else { Vec::new() };
+    /// Finds every cause, in causal order; what is left without one is said to be unexplained. `step` is called for
+    /// each step of the search.
+    pub fn find_causes(&mut self, a: &Side, b: &Side, step: &dyn Fn()) {
+        let (differ, fields) = (self.inputs.blobs_differ + self.inputs.stamps_differ > 0, &self.fields);
+        let of_blobs = if differ { from_inputs::of_blobs(a, b, fields, step) } else { Vec::new() };
         let exchanged = of_blobs.iter().find_map(|finding| match finding.cause {
             Cause::CamerasSwapped { cameras } => Some(cameras),
             _ => None,
@@ -183,7 +201,7 @@ impl Comparison {
         found.extend(of_blobs);
         found.extend(from_provenance::findings(a, b, &self.provenance));
         found.extend(self.without_cause(a, &found));
-        found
+        self.causes = found;
     }
 
     fn stage(&self, name: StageName) -> Option<&StageDifference> {

@@ -38,9 +38,22 @@ pub struct EventFigures {
     pub unpaired_list: Vec<Unpaired>,
     /// Events of a kind in the first and in the second recording, where the numbers differ.
     pub counts_differ: BTreeMap<&'static str, [u64; 2]>,
-    /// Where the first difference is: exposure in its own recording, field, and what it is.
+    /// The first difference.
     #[serde(skip)]
-    pub first: Option<(u64, u64, String)>,
+    pub first: Option<FirstEvent>,
+}
+
+/// The first event that differs.
+#[derive(Debug, Clone)]
+pub struct FirstEvent {
+    /// Exposure of its step, in its own recording, ns.
+    pub exposed_ns: u64,
+    /// Field of its step.
+    pub field: u64,
+    /// The recording that alone has it, `A` or `B`; none where both have one, and it is that of the first.
+    pub only_in: Option<char>,
+    /// What it is, and how it differs.
+    pub what: String,
 }
 
 /// Name of an event's kind.
@@ -72,7 +85,9 @@ pub fn compare(a: &Side, b: &Side, number_offset: i64) -> EventFigures {
     alone.sort_by_key(|(_, event, _)| event.field);
     figures.unpaired = alone.len() as u64;
     for (only_in, event, _) in &alone {
-        figures.note_first(event, || format!("{}: only in {only_in}: {}", kind(event), event.describe()));
+        figures.note_first(event, Some(*only_in), || {
+            format!("{}: only in {only_in}: {}", kind(event), event.describe())
+        });
     }
     figures.unpaired_list =
         alone.iter().take(LISTED).map(|(side, event, start)| unpaired(*side, event, *start)).collect();
@@ -89,7 +104,7 @@ fn pair(a: &Event, b: &Event, field: u64, figures: &mut EventFigures) {
         return;
     }
     figures.shifted += 1;
-    figures.note_first(a, || {
+    figures.note_first(a, None, || {
         let what = if field == b.field { "figures" } else { "field" };
         format!(
             "{}, {what}: {} (field {}) and {} (field {})",
@@ -103,9 +118,10 @@ fn pair(a: &Event, b: &Event, field: u64, figures: &mut EventFigures) {
 }
 
 impl EventFigures {
-    fn note_first(&mut self, event: &Event, what: impl FnOnce() -> String) {
-        if self.first.as_ref().is_none_or(|(at, ..)| event.exposed_ns < *at) {
-            self.first = Some((event.exposed_ns, event.field, what()));
+    fn note_first(&mut self, event: &Event, only_in: Option<char>, what: impl FnOnce() -> String) {
+        let Event { exposed_ns, field, .. } = *event;
+        if self.first.as_ref().is_none_or(|first| exposed_ns < first.exposed_ns) {
+            self.first = Some(FirstEvent { exposed_ns, field, only_in, what: what() });
         }
     }
 }

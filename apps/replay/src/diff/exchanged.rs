@@ -1,10 +1,11 @@
 //! Cameras or colours that are exchanged between two recordings: blobs are where the other's were.
 
 use super::blobs::evenly;
-use super::causes::{Cause, Confidence, Finding, colour_name};
+use super::causes::{Cause, Confidence, Finding};
 use super::inputs::{FieldPair, FieldPairs};
 use super::side::{BlobSeen, Side};
 use nalgebra::Vector2;
+use protocol::blobs::Colour;
 use rig::camera::Camera;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -84,15 +85,12 @@ pub fn swapped_colours(a: &Side, b: &Side, fields: &FieldPairs) -> (Recoloured, 
     }
     let everywhere = by_pair.iter().filter(|(_, own)| own.len() == cameras.len());
     let recoloured = everywhere.flat_map(|([x, y], _)| [(*x, *y), (*y, *x)]).collect();
-    let finding = |(colours, cameras): ([u32; 2], Vec<u32>)| {
+    let finding = |([a, b], cameras): ([u32; 2], Vec<u32>)| {
+        let colours = [Colour::from_wire(a)?, Colour::from_wire(b)?];
         let evidence = "blobs are where they were, in the other's colour";
-        Finding::new(
-            Cause::ColoursSwapped { colours: colours.map(colour_name), cameras },
-            Confidence::Likely,
-            evidence,
-        )
+        Some(Finding::new(Cause::ColoursSwapped { colours, cameras }, Confidence::Likely, evidence))
     };
-    (recoloured, by_pair.into_iter().map(finding).collect())
+    (recoloured, by_pair.into_iter().filter_map(finding).collect())
 }
 
 /// How often a blob of one colour is, in the second recording, one of another at the same place.

@@ -139,8 +139,8 @@ fn stamps(fields: &FieldPairs) -> BTreeMap<u32, f64> {
         .collect()
 }
 
-/// What was done to the blobs of paired fields.
-pub fn of_blobs(a: &Side, b: &Side, fields: &FieldPairs) -> Vec<Finding> {
+/// What was done to the blobs of paired fields. `step` is called for each step of the search.
+pub fn of_blobs(a: &Side, b: &Side, fields: &FieldPairs, step: &dyn Fn()) -> Vec<Finding> {
     let (Some(rig), false) = (&a.rig, fields.pairs.is_empty()) else { return Vec::new() };
     let cameras = rig.cameras();
     if let Some(swapped) = swapped_cameras(a, b, fields, &cameras) {
@@ -154,6 +154,7 @@ pub fn of_blobs(a: &Side, b: &Side, fields: &FieldPairs) -> Vec<Finding> {
         let matched = matcher.matched(camera, changed_part(a, b, &own));
         looked_at += matched.looked_at;
         pairs.extend(matched.pairs);
+        step();
     }
     let same: BTreeSet<u32> =
         cameras.iter().map(|c| c.id).filter(|id| are_same(&cameras, &pairs, *id)).collect();
@@ -166,7 +167,7 @@ pub fn of_blobs(a: &Side, b: &Side, fields: &FieldPairs) -> Vec<Finding> {
             Confidence::Possible,
             format!("{} of {looked_at} blobs have a partner near them", pairs.len()),
         )],
-        _ => explain(rig, &cameras, pairs),
+        _ => explain(rig, &cameras, pairs, step),
     };
     for (camera, by_ms) in shifted {
         found.push(stamp_finding(camera, by_ms, same.contains(&camera), fields));
@@ -249,7 +250,7 @@ fn best_time(pairs: &[BlobPair]) -> f64 {
 }
 
 /// The causes that explain how blobs moved, the best first, until noise is left.
-fn explain(rig: &Rig, cameras: &[Camera], pairs: Vec<BlobPair>) -> Vec<Finding> {
+fn explain(rig: &Rig, cameras: &[Camera], pairs: Vec<BlobPair>, step: &dyn Fn()) -> Vec<Finding> {
     let (all, mut left, mut found) = (pairs.len() as f64, pairs, Vec::new());
     if all == 0.0 {
         return found;
@@ -262,7 +263,7 @@ fn explain(rig: &Rig, cameras: &[Camera], pairs: Vec<BlobPair>) -> Vec<Finding> 
     let mut left_px2 = moved_px2;
     while found.len() < MOST_CAUSES {
         let observed = Observed { cameras, pairs: &left };
-        let mut fits = candidates(rig, cameras, &observed);
+        let mut fits = candidates(rig, cameras, &observed, step);
         fits.sort_by(|p, q| cost(p).total_cmp(&cost(q)));
         let Some(best) = fits.first().cloned() else { break };
         let variance = (best.left_px2 / all).max(FLOOR_PX * FLOOR_PX);
@@ -311,14 +312,16 @@ fn cost(fit: &Fit) -> f64 {
 }
 
 /// Fits of everything in the catalogue.
-fn candidates(rig: &Rig, cameras: &[Camera], observed: &Observed<'_>) -> Vec<Fit> {
+fn candidates(rig: &Rig, cameras: &[Camera], observed: &Observed<'_>, step: &dyn Fn()) -> Vec<Fit> {
     let markers: BTreeSet<_> = observed.pairs.iter().filter_map(|pair| pair.marker).collect();
     let of_camera = |id: u32| [Model::Turned(id), Model::Moved(id), Model::Focal(Some(id)), Model::Clock(id)];
     let models = cameras.iter().flat_map(|camera| of_camera(camera.id));
     let all = models.chain([Model::Focal(None)]).chain(markers.into_iter().map(Model::Marker));
-    let fits: Vec<Fit> =
-        all.filter_map(|model| observed.fit(model)).filter(|fit| is_plausible(rig, fit)).collect();
-    fits
+    let fits = all.filter_map(|model| {
+        step();
+        observed.fit(model)
+    });
+    fits.filter(|fit| is_plausible(rig, fit)).collect()
 }
 
 /// Refuses sizes outside of what can happen: they are fits of something else.
@@ -355,7 +358,7 @@ fn cause_of(fit: &Fit, cameras: &[Camera]) -> Cause {
         Model::Focal(camera) => Cause::Scale { camera, factor: 1.0 + p[0] * 0.01 },
         // Exposed later, with the same stamps: the stamps are early.
         Model::Clock(camera) => Cause::ClockShifted { camera, by_ms: -p[0] },
-        Model::Marker(id) => Cause::marker_moved(id, [p[0], p[1], p[2]]),
+        Model::Marker(id) => Cause::marker_moved(id.body, id.marker, [p[0], p[1], p[2]]),
     }
 }
 

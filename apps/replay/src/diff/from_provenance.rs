@@ -1,7 +1,6 @@
 //! Causes that stand in the provenance of two recordings: what of the rig was moved, which key of the
 //! scene or of the settings has another value, which version differs.
 
-use super::blobs::MarkerId;
 use super::causes::{Cause, Confidence, Finding};
 use super::provenance::{KeyDifference, Part};
 use super::side::Side;
@@ -146,7 +145,7 @@ fn compare_body(body: usize, a: &RigBody, b: &RigBody, found: &mut Vec<Finding>,
             for marker in places {
                 named.push(key(marker, "p"));
                 let by_mm = std::array::from_fn(|k| b.markers[marker].p[k] - a.markers[marker].p[k]);
-                let moved = Cause::marker_moved(MarkerId { body, marker }, by_mm);
+                let moved = Cause::marker_moved(body, marker, by_mm);
                 found.push(certain(moved, "place of the marker in both rigs"));
             }
         }
@@ -161,17 +160,13 @@ fn compare_body(body: usize, a: &RigBody, b: &RigBody, found: &mut Vec<Finding>,
         };
         if colours.iter().all(swapped) {
             named.extend(colours.iter().map(|i| key(*i, "colour")));
-            let colours = pair.map(rig_colour);
+            let colours = pair;
             let exchanged = Cause::ColoursSwapped { colours, cameras: Vec::new() };
             if !found.iter().any(|f| matches!(&f.cause, Cause::ColoursSwapped { colours: [x, y], .. } if [*y, *x] == colours || [*x, *y] == colours)) {
                 found.push(certain(exchanged, "colours of the markers in both rigs"));
             }
         }
     }
-}
-
-fn rig_colour(colour: protocol::blobs::Colour) -> &'static str {
-    colour.name()
 }
 
 #[cfg(test)]

@@ -1,6 +1,8 @@
 //! A comparison as a plot, and as a page that needs no network.
 
 use super::comparison::Comparison;
+use super::instant::{BodyThere, Instant};
+use super::pictures::Drawn;
 use super::poses::{both_measured, displacement_um};
 use super::text::text;
 use plots::line_plot::{Line, LinePlot};
@@ -10,7 +12,10 @@ use std::fmt::Write;
 
 const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;max-width:1000px;margin:2em auto;padding:0 1em;color:#222}\
      h1{font-size:1.4em}h2{font-size:1.1em;margin-top:2em}pre{background:#f6f6f6;padding:1em;overflow:auto;font-size:13px}\
-     .same{color:#060}.differ{color:#a30}svg{max-width:100%;height:auto}";
+     .same{color:#060}.differ{color:#a30}svg{max-width:100%;height:auto}\
+     .two{display:flex;gap:1em;flex-wrap:wrap}.two>div{flex:1 1 380px;min-width:0}.two img{width:100%;height:auto}\
+     .none{background:#eee;padding:3em 1em;text-align:center}table{border-collapse:collapse;font-size:13px}\
+     td,th{border:1px solid #ddd;padding:.2em .6em;text-align:left}";
 
 /// Distances of the poses over time.
 pub fn plot(c: &Comparison) -> LinePlot {
@@ -30,11 +35,11 @@ pub fn plot(c: &Comparison) -> LinePlot {
     }
 }
 
-/// The page.
+/// The page; with the instant at which the recordings differ most, drawn.
 ///
 /// # Errors
 /// Where the plot cannot be drawn.
-pub fn html(c: &Comparison) -> anyhow::Result<String> {
+pub fn html(c: &Comparison, worst: Option<(&Instant, &[Drawn; 2])>) -> anyhow::Result<String> {
     let svg = String::from_utf8(bytes(&plot(c), Format::Svg)?)?;
     let verdict =
         if c.same { ("same", "The recordings are the same") } else { ("differ", "The recordings differ") };
@@ -45,12 +50,9 @@ pub fn html(c: &Comparison) -> anyhow::Result<String> {
     );
     // Writing into a string cannot fail.
     let _ = writeln!(out, "<p>A {}<br>B {}</p>", escaped(&c.a), escaped(&c.b));
-    if !c.causes.is_empty() {
-        let _ = writeln!(out, "<h2>Causes</h2><ul>");
-        for finding in &c.causes {
-            let _ = writeln!(out, "<li>{}</li>", escaped(&finding.text()));
-        }
-        let _ = writeln!(out, "</ul>");
+    causes(c, &mut out);
+    if let Some((at, drawn)) = worst {
+        instant(at, drawn, &mut out);
     }
     let _ = writeln!(
         out,
@@ -60,6 +62,92 @@ pub fn html(c: &Comparison) -> anyhow::Result<String> {
     Ok(out)
 }
 
+fn causes(c: &Comparison, out: &mut String) {
+    if c.causes.is_empty() {
+        return;
+    }
+    let _ = writeln!(out, "<h2>Causes</h2><ul>");
+    for finding in &c.causes {
+        let _ = writeln!(out, "<li>{}</li>", escaped(&finding.text()));
+    }
+    let _ = writeln!(out, "</ul>");
+}
+
+/// Both pictures beside each other, and what is known of the instant.
+fn instant(at: &Instant, drawn: &[Drawn; 2], out: &mut String) {
+    let _ =
+        writeln!(out, "<h2>Where they differ most</h2>\n<p>{}</p>\n<div class=\"two\">", escaped(&at.why));
+    for (side, name) in ["A", "B"].into_iter().enumerate() {
+        let field = at.fields[side].map_or("no frame near it".into(), |field| format!("field {field}"));
+        let _ = writeln!(out, "<div><h3>{name} at {:.3} s, {field}</h3>", at.at_s[side]);
+        picture(name, &drawn[side], out);
+        let _ = writeln!(out, "</div>");
+    }
+    let _ = writeln!(out, "</div>\n<table><tr><th></th><th>A</th><th>B</th><th>apart, µm</th></tr>");
+    for BodyThere { body, poses: [a, b], apart_um } in &at.bodies {
+        let apart = apart_um.map_or(String::new(), |um| format!("{um:.2}"));
+        let _ = writeln!(out, "<tr><th>{body}</th><td>{a}</td><td>{b}</td><td>{apart}</td></tr>");
+    }
+    let _ = writeln!(out, "</table>");
+    if !at.differs.is_empty() {
+        let differs: Vec<String> = at.differs.iter().map(|what| escaped(what)).collect();
+        let _ = writeln!(out, "<p>First differs here: {}</p>", differs.join("; "));
+    }
+}
+
+/// A picture within the page, or why there is none.
+fn picture(name: &str, drawn: &Drawn, out: &mut String) {
+    match drawn {
+        Drawn::Jpeg { bytes, note } => {
+            let data = base64(bytes);
+            let _ = writeln!(out, "<img alt=\"{name}\" src=\"data:image/jpeg;base64,{data}\">");
+            if let Some(note) = note {
+                let _ = writeln!(out, "<p>{}</p>", escaped(note));
+            }
+        }
+        Drawn::Not(why) => {
+            let _ = writeln!(out, "<p class=\"none\">no picture: {}</p>", escaped(why));
+        }
+    }
+}
+
+/// Bytes as RFC 4648 has them in text.
+fn base64(bytes: &[u8]) -> String {
+    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut out = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for three in bytes.chunks(3) {
+        let bits =
+            three.iter().enumerate().fold(0, |bits, (i, byte)| bits | u32::from(*byte) << (16 - 8 * i));
+        for letter in 0..4 {
+            let has = letter <= three.len();
+            let at = (bits >> (18 - 6 * letter)) as usize & 63;
+            out.push(if has { char::from(LETTERS[at]) } else { '=' });
+        }
+    }
+    out
+}
+
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_as_text_are_those_of_the_standard() {
+        // RFC 4648, section 10.
+        for (bytes, text) in [
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foob", "Zm9vYg=="),
+            ("foobar", "Zm9vYmFy"),
+        ] {
+            assert_eq!(base64(bytes.as_bytes()), text);
+        }
+        assert_eq!(base64(&[0xff, 0xfe, 0xfd]), "//79");
+    }
 }

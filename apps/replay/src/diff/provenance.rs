@@ -1,38 +1,11 @@
 //! What differs in the provenance of two recordings, key by key.
 
+pub use calibration::causes::catalogue::Part;
+
 use super::side::Side;
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
-
-/// A part of a provenance.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Part {
-    /// The rig file.
-    Rig,
-    /// The scene file.
-    Scene,
-    /// Configuration.
-    Config,
-    /// Random seeds.
-    Seeds,
-    /// Versions of programs and of their arithmetic.
-    Versions,
-}
-
-impl Part {
-    /// For people.
-    pub fn name(self) -> &'static str {
-        match self {
-            Part::Rig => "rig",
-            Part::Scene => "scene",
-            Part::Config => "configuration",
-            Part::Seeds => "seeds",
-            Part::Versions => "versions",
-        }
-    }
-}
 
 /// A key whose values differ.
 #[derive(Debug, Clone, PartialEq, Serialize)]

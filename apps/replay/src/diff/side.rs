@@ -140,6 +140,14 @@ impl Side {
         Ok(side)
     }
 
+    /// Of items as a reader gives them, without a score.
+    pub fn of_items(provenance: Provenance, items: impl IntoIterator<Item = Item>) -> Self {
+        let mut side = Side::empty(PathBuf::new(), provenance);
+        items.into_iter().for_each(|item| side.take(item, None));
+        side.sort();
+        side
+    }
+
     /// Nothing yet.
     fn empty(file: PathBuf, provenance: Provenance) -> Self {
         Side {

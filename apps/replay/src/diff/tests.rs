@@ -2,7 +2,8 @@
 
 use super::causes::{Cause, Confidence};
 use super::comparison::{Comparison, StageName};
-use super::{read, text};
+use super::side::Side;
+use super::{instant, read, text};
 use recording::{Item, Recording, Writer};
 use std::path::{Path, PathBuf};
 
@@ -12,6 +13,12 @@ fn golden() -> PathBuf {
 
 /// The golden recording with its items changed, beside itself.
 fn compared(change: impl Fn(Item) -> Option<Item>) -> Comparison {
+    let (_folder, [a, b]) = sides(change);
+    Comparison::of(&a, &b, 0.0)
+}
+
+/// The golden recording, and with its items changed; in a folder.
+fn sides(change: impl Fn(Item) -> Option<Item>) -> (tempfile::TempDir, [Side; 2]) {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("b.mcap");
     let recording = Recording::open(&golden()).unwrap();
@@ -22,8 +29,8 @@ fn compared(change: impl Fn(Item) -> Option<Item>) -> Comparison {
         }
     }
     writer.finish().unwrap();
-    let [a, b] = read(&golden(), &file, true).unwrap();
-    Comparison::of(&a, &b, 0.0)
+    let sides = read(&golden(), &file, true).unwrap();
+    (folder, sides)
 }
 
 #[test]
@@ -112,7 +119,7 @@ fn a_lost_field_a_lost_handle_and_a_changed_pose_are_named() {
 fn a_page_needs_no_network_and_escapes_what_it_shows() {
     let [mut a, b] = read(&golden(), &golden(), false).unwrap();
     a.file = "<b>&\".mcap".into();
-    let page = super::page::html(&Comparison::of(&a, &b, 0.0)).unwrap();
+    let page = super::page::html(&Comparison::of(&a, &b, 0.0), None).unwrap();
     assert!(
         page.contains("&lt;b&gt;&amp;&quot;.mcap") && page.contains("<svg") && page.contains("are the same")
     );
@@ -131,4 +138,37 @@ fn a_recording_that_ends_earlier_is_shorter_and_has_lost_no_camera() {
     });
     let found: Vec<&Cause> = shorter.causes.iter().map(|finding| &finding.cause).collect();
     assert!(matches!(found[..], [Cause::Shorter { lacking: 'B', fields: 120 }]), "{found:?}");
+}
+
+#[test]
+fn recordings_differ_most_at_the_largest_distance_else_at_the_first_event_or_entry() {
+    let worst = |change: &dyn Fn(Item) -> Option<Item>| {
+        let (_folder, [a, b]) = sides(change);
+        instant::of(&Comparison::of(&a, &b, 0.0), &a, &b)
+    };
+    assert!(worst(&Some).is_none(), "nothing differs");
+    let moved = worst(&|mut item| {
+        if let Item::Poses(frame) = &mut item
+            && [40, 50].contains(&frame.field)
+        {
+            frame.bodies[1].world_from_body.position_mm[0] += frame.field as f64 * 1e-3;
+        }
+        Some(item)
+    });
+    let moved = moved.expect("poses differ");
+    assert!(moved.why.contains("inst1 is 50.00 µm apart"), "{moved:?}");
+    assert_eq!((moved.fields, moved.bodies.len()), ([Some(50); 2], 3));
+    assert!((moved.bodies[1].apart_um.unwrap() - 50.0).abs() < 1e-6 && moved.bodies[0].apart_um == Some(0.0));
+    let state = worst(&|mut item| {
+        if let Item::Step(step) = &mut item
+            && step.field >= 60
+        {
+            step.state_hash ^= 1;
+        }
+        Some(item)
+    });
+    let state = state.expect("states differ");
+    assert!(state.why.contains("in states: state_hash of step"), "{state:?}");
+    assert!(state.fields[0].is_some_and(|field| field.abs_diff(60) <= 1) && state.at_s[0] > 1.0, "{state:?}");
+    assert!(state.differs.iter().any(|what| what.contains("state_hash")), "{state:?}");
 }

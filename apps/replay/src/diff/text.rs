@@ -1,4 +1,4 @@
-//! A comparison for people: the verdict and its cause first, then the figures.
+//! A comparison for people: the verdict and the figures first, then the causes, which take longer to find.
 
 use super::comparison::{Comparison, StageDifference};
 use super::outcome::ScoreFigures;
@@ -8,8 +8,29 @@ use std::fmt::Write;
 /// Unpaired events and keys that are listed.
 const LISTED: usize = 10;
 
-/// The comparison as text. Writing into a string cannot fail.
+/// The comparison as text.
 pub fn text(c: &Comparison) -> String {
+    recorded(c) + &causes(c)
+}
+
+/// The causes, each with what helps. Writing into a string cannot fail.
+pub fn causes(c: &Comparison) -> String {
+    let mut out = String::new();
+    if !c.causes.is_empty() {
+        let _ = writeln!(out, "\ncauses");
+    }
+    for finding in &c.causes {
+        let _ = writeln!(out, "cause: {}", finding.text());
+        // A difference that was made on purpose needs none.
+        if let Some(remedy) = finding.cause.remedy().filter(|_| finding.is_a_defect()) {
+            let _ = writeln!(out, "       what helps: {remedy}");
+        }
+    }
+    out
+}
+
+/// What was recorded, as text. Writing into a string cannot fail.
+pub fn recorded(c: &Comparison) -> String {
     let mut out = format!("A {}\nB {}\n", c.a, c.b);
     verdict(c, &mut out);
     provenance(c, &mut out);
@@ -33,9 +54,6 @@ fn verdict(c: &Comparison, out: &mut String) {
     for stage in c.stages.iter().skip(usize::from(!c.same)) {
         let _ = writeln!(out, "  also in {}", place(stage));
     }
-    for finding in &c.causes {
-        let _ = writeln!(out, "cause: {}", finding.text());
-    }
 }
 
 fn compared(c: &Comparison) -> String {
@@ -45,7 +63,7 @@ fn compared(c: &Comparison) -> String {
 }
 
 fn place(stage: &StageDifference) -> String {
-    let name = format!("{:?}", stage.stage).to_lowercase();
+    let name = stage.name();
     let at = stage.at_s.map(|at| format!(" at {at:.2} s")).unwrap_or_default();
     let field = stage.field.map(|field| format!(" (field {field})")).unwrap_or_default();
     format!("{name}{at}{field}: {}", stage.entry)

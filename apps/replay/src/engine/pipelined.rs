@@ -131,7 +131,8 @@ impl Reader {
     fn next_turn(&mut self) -> Option<Turn> {
         let Reader { tracker, frames, begins_with, visited, .. } = self;
         let mut turn = frames.next_turn()?;
-        let before_beginning = is_before_beginning(begins_with, tracker, frames, &turn);
+        let own = tracker.as_mut().map(|(tracker, _)| tracker);
+        let before_beginning = is_before_beginning(begins_with, own, frames, &turn);
         let leads_in = before_beginning && begins_with.is_none();
         let made = if before_beginning { None } else { track_turn(tracker, &mut turn, frames) };
         let matches = tracker.as_ref().filter(|_| made.is_some()).map(|(tracker, _)| {

@@ -1,7 +1,8 @@
 //! What comes of a recording with another rig, scene or constants, item by item and in the order of the
 //! recording. Pure but for the reading of its file.
 
-use crate::engine::track;
+use super::beginning::Beginning;
+use crate::engine::{is_before_beginning, track};
 use crate::frames::Frames;
 use crate::steps::{StepAgain, Steps};
 use anyhow::Context;
@@ -73,6 +74,10 @@ pub struct Outcome<'a> {
     waiting: VecDeque<(Nanos, Vec<Slot>)>,
     /// When tracker and simulation save what they know.
     times: [CheckpointTimes; 2],
+    /// What is known where the recording was cut, until the frame before that has come.
+    beginning: Beginning,
+    /// Number of the step after which the outcome begins.
+    begins_after: u64,
     done: Done,
 }
 
@@ -80,13 +85,17 @@ impl<'a> Outcome<'a> {
     /// At the beginning.
     ///
     /// # Errors
-    /// Where the scene cannot be simulated.
+    /// Where the scene cannot be simulated, or is another one than that of a recording that was cut.
     pub fn new(recording: &'a Recording, setting: &'a Setting) -> anyhow::Result<Self> {
         let desk = setting.provenance.config.contains_key(DESK);
         let world = World::new(&setting.scene).context("scene")?.unseen();
         let mut steps = Steps::new(world, &setting.provenance);
         // The recorded states are of another scene or of other poses.
         steps.compare_no_states();
+        let beginning = Beginning::of(recording, setting)?;
+        if let Some((header, state)) = &beginning.world {
+            steps.resume_after(*header, state.clone());
+        }
         Ok(Outcome {
             recording,
             rig: &setting.rig,
@@ -96,6 +105,8 @@ impl<'a> Outcome<'a> {
             steps,
             waiting: VecDeque::new(),
             times: Default::default(),
+            begins_after: beginning.world.as_ref().map_or(0, |(header, _)| header.step),
+            beginning,
             done: Done::default(),
         })
     }
@@ -108,9 +119,13 @@ impl<'a> Outcome<'a> {
         if self.recording.provenance().source == Source::Import {
             return self.run_stream(put);
         }
+        let mut known = self.beginning.items().into_iter();
         for item in self.recording.items_of(&TOPICS) {
             match item {
-                Ok((at, item)) => self.take(at, item),
+                Ok((at, item)) => {
+                    known.by_ref().try_for_each(|known| put(at, &known))?;
+                    self.take(at, item);
+                }
                 Err(problem) => self.frames.note_loss(problem.to_string()),
             }
             self.advance();
@@ -131,7 +146,10 @@ impl<'a> Outcome<'a> {
         self.frames.note(at, &item);
         let slot = match &item {
             Item::Poses(_) => Slot::Poses,
-            Item::Step(step) => Slot::Step(step.step),
+            // Before the beginning a step is what it was.
+            Item::Step(step) if step.step > self.begins_after || !self.steps.is_resuming() => {
+                Slot::Step(step.step)
+            }
             _ => Slot::ready(item.clone()),
         };
         self.waiting.push_back((at, vec![slot]));
@@ -143,6 +161,11 @@ impl<'a> Outcome<'a> {
     /// Makes the frames and steps whose inputs have come.
     fn advance(&mut self) {
         while let Some(turn) = self.frames.next_turn() {
+            let tracker = self.tracker.as_mut();
+            if is_before_beginning(&mut self.beginning.tracker, tracker, &mut self.frames, &turn) {
+                self.put_recorded(*turn.recorded);
+                continue;
+            }
             self.done.lost = self.done.lost.take().or(turn.lost.clone());
             let mut frame = *turn.recorded;
             if let Some(tracker) = &mut self.tracker {
@@ -161,9 +184,16 @@ impl<'a> Outcome<'a> {
         }
     }
 
+    /// Leaves a frame before the beginning as it was recorded: the first steps may have consumed it.
+    fn put_recorded(&mut self, frame: TrackerFrame) {
+        let Some((at, slots)) = self.waiting.iter_mut().find(is_place) else { return };
+        *slots = vec![Slot::ready(Item::Poses(Box::new(frame)))];
+        let at = *at;
+        self.steps.note(at, Item::Poses(Box::new(frame)));
+    }
+
     /// Puts a frame in the place of the recorded one, and gives it to the simulation.
     fn put_frame(&mut self, frame: TrackerFrame) {
-        let is_place = |(_, slots): &&mut (Nanos, Vec<Slot>)| matches!(slots[..], [Slot::Poses]);
         let Some((at, slots)) = self.waiting.iter_mut().find(is_place) else { return };
         slots.clear();
         if let Err(invalid) = frame.validate() {
@@ -246,6 +276,11 @@ impl<'a> Outcome<'a> {
         }
         Ok(())
     }
+}
+
+/// The place of a frame that is yet to be made.
+fn is_place((_, slots): &&mut (Nanos, Vec<Slot>)) -> bool {
+    matches!(slots[..], [Slot::Poses])
 }
 
 fn closed_frame(mut frame: TrackerFrame, used: &[BlobField], closed: &ClosedFrame) -> TrackerFrame {

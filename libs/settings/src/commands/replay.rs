@@ -72,13 +72,20 @@ pub struct ReplayArgs {
     /// How the recording of a what-if is written.
     #[command(flatten)]
     pub writing: WritingArgs,
+    /// Run the recording through another build as well, by its program vitreo or vitreo-replay, and compare what
+    /// comes of it with what this build makes, as diff does: exit code 0 where that is the same, 5 where it
+    /// differs.
+    #[arg(long, value_name = "OTHER_VITREO", help_heading = "What if", conflicts_with_all = ["output", "verify",
+        "poses", "blobs", "endless", "assert_tracking", "from", "until", "window", "interactive", "headless", "video",
+        "stills", "as_recorded"])]
+    pub with: Option<PathBuf>,
     /// Who looks for collisions.
     #[command(flatten)]
     pub collision: CollisionArgs,
     /// Exit with 6 where a body was tracked in a smaller share of frames, 0 to 1.
     #[arg(long, value_name = "SHARE", value_parser = share)]
     pub assert_tracking: Option<f64>,
-    /// Write figures as JSON.
+    /// Write figures as JSON; with --with what the comparison found.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
     /// Whether files that exist are written over.

@@ -1,5 +1,6 @@
 //! The command line of `vitreo residuals`.
 
+use super::numbers::positive;
 use outputs::Force;
 use std::path::PathBuf;
 
@@ -19,6 +20,12 @@ pub struct ResidualsArgs {
     /// first minute.
     #[arg(long)]
     pub causes: bool,
+    /// Find the causes in the last S seconds instead, and print nothing else: quick in a long recording too.
+    #[arg(long, value_name = "S", requires = "causes", conflicts_with = "plot", value_parser = positive)]
+    pub last: Option<f64>,
+    /// Leave the search for causes off after S seconds, and say so.
+    #[arg(long, value_name = "S", requires = "causes", value_parser = positive)]
+    pub within: Option<f64>,
     /// Whether files that exist are written over.
     #[command(flatten)]
     pub force: Force,

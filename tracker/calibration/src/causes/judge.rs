@@ -1,5 +1,6 @@
 //! Which causes explain what is left in the pictures, and since when.
 
+use super::judgement::{Explanation, Judgement, Verdict};
 use super::measure::{Left, SLICE_NS, START_NS, measure, slices};
 use super::remedy::{discrete, rescaled, undone};
 use super::search::least;
@@ -9,7 +10,7 @@ use protocol::limits::BODIES;
 use protocol::poses::BODY_NAMES;
 use protocol::time::Nanos;
 use rig::Rig;
-use serde::Serialize;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 /// Length of the stretch that is judged, ns.
 const STRETCH_NS: u64 = 3_000_000_000;
@@ -34,70 +35,27 @@ const SHIFTS_MS: [f64; 9] = [-16.0, -10.0, -5.0, -2.0, 0.0, 2.0, 5.0, 10.0, 16.0
 /// Scales that are tried first.
 const SCALES: [f64; 9] = [0.92, 0.95, 0.97, 0.985, 1.0, 1.015, 1.03, 1.05, 1.08];
 
-/// A cause with its evidence.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Explanation {
-    /// The cause.
-    #[serde(flatten)]
-    pub cause: Cause,
-    /// Root mean square of what is left in the pictures with its remedy, px.
-    pub left_px: f64,
-    /// Blobs by which it was judged.
-    pub blobs: u64,
+/// Judges the fields of a recording, in the order of arrival, with all processors. `go_on` is told how many
+/// causes were tried, of how many; where it says no, the search is stopped.
+pub fn judge(rig: &Rig, fields: &[BlobField], go_on: impl Fn(usize, usize) -> bool + Sync) -> Judgement {
+    judge_where(rig, fields, |_| true, go_on)
 }
 
-/// What the judge says.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Verdict {
-    /// There was too little to judge.
-    TooLittle,
-    /// The rig holds.
-    NothingWrong,
-    /// Something is wrong, and no cause of the catalogue explains it.
-    Unknown,
-    /// The causes named explain it, one as well as another.
-    Explained,
+/// The same where the rig does not hold; what is small is not looked into, which takes time.
+pub fn judge_what_breaks(
+    rig: &Rig,
+    fields: &[BlobField],
+    go_on: impl Fn(usize, usize) -> bool + Sync,
+) -> Judgement {
+    judge_where(rig, fields, |left| !holds(left), go_on)
 }
 
-/// What is wrong with a recording, and why.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Judgement {
-    /// In short.
-    pub verdict: Verdict,
-    /// Root mean square of what is left in the pictures, px; a blob that no marker explains counts as 2 px.
-    pub left_px: f64,
-    /// Blobs by which that was measured.
-    pub blobs: u64,
-    /// Exposure from which on something is wrong, s after the first field; 0 from the start.
-    pub since_s: f64,
-    /// The causes that explain it alike, those with the fewest parameters first.
-    pub explanations: Vec<Explanation>,
-    /// Causes that were tried.
-    pub tried: usize,
-}
-
-impl Judgement {
-    /// In a sentence.
-    pub fn text(&self) -> String {
-        let left = format!("{:.2} px are left of {} blobs", self.left_px, self.blobs);
-        let since = format!("from {:.1} s on {left}", self.since_s);
-        match self.verdict {
-            Verdict::TooLittle => format!("too little to judge: {} blobs", self.blobs),
-            Verdict::NothingWrong => format!("nothing is wrong: {left}"),
-            Verdict::Unknown => format!("{since}; none of {} causes explains it", self.tried),
-            Verdict::Explained => {
-                let named =
-                    self.explanations.iter().map(|e| format!("{} ({:.2} px then)", e.cause, e.left_px));
-                format!("{since}: {}", named.collect::<Vec<_>>().join(", or "))
-            }
-        }
-    }
-}
-
-/// Judges the fields of a recording, in the order of arrival. `progress` is called with the causes done and
-/// those to be tried.
-pub fn judge(rig: &Rig, fields: &[BlobField], mut progress: impl FnMut(usize, usize)) -> Judgement {
+fn judge_where(
+    rig: &Rig,
+    fields: &[BlobField],
+    is_looked_into: impl Fn(&Left) -> bool,
+    go_on: impl Fn(usize, usize) -> bool + Sync,
+) -> Judgement {
     let begin = fields.iter().map(|f| f.exposed_ns).min().unwrap_or(0);
     let onset = onset(&slices(rig, fields)).filter(|at| *at > begin + START_NS + SLICE_NS);
     // What progressive pictures leave depends on the motion, not on when they began.
@@ -110,6 +68,7 @@ pub fn judge(rig: &Rig, fields: &[BlobField], mut progress: impl FnMut(usize, us
         left_px: before.all.rms().unwrap_or(0.0),
         blobs: before.all.count,
         since_s: from.saturating_sub(begin) as f64 * 1e-9,
+        holds: holds(&before),
         explanations: Vec::new(),
         tried: 0,
     };
@@ -122,13 +81,18 @@ pub fn judge(rig: &Rig, fields: &[BlobField], mut progress: impl FnMut(usize, us
         judgement.explanations = vec![explanation((cause, left))];
         return judgement;
     }
-    if before.mean() < LEAST.0 {
+    if before.mean() < LEAST.0 || !is_looked_into(&before) {
         judgement.verdict = Verdict::NothingWrong;
         return judgement;
     }
-    let found = try_all(rig, &stretch, &mut progress, &mut judgement.tried);
+    let hypotheses = hypotheses(rig, &stretch);
+    let Some(found) = try_all(rig, &stretch, &hypotheses, &go_on) else {
+        judgement.verdict = if judgement.holds { Verdict::NothingWrong } else { Verdict::Stopped };
+        return judgement;
+    };
+    judgement.tried = hypotheses.len();
     judgement.explanations = alike(&before, found);
-    judgement.verdict = match (judgement.explanations.is_empty(), holds(&before)) {
+    judgement.verdict = match (judgement.explanations.is_empty(), judgement.holds) {
         (false, _) => Verdict::Explained,
         (true, true) => Verdict::NothingWrong,
         (true, false) => Verdict::Unknown,
@@ -142,22 +106,36 @@ fn stretch(fields: &[BlobField], from: Nanos) -> Vec<BlobField> {
     fields.iter().filter(within).copied().collect()
 }
 
-/// Tries every remedy on a stretch, and counts them.
+/// Tries every remedy on a stretch, several at a time; what came of them, in the order of the hypotheses, or `None`
+/// where it was stopped.
 fn try_all(
     rig: &Rig,
     fields: &[BlobField],
-    progress: &mut impl FnMut(usize, usize),
-    tried: &mut usize,
-) -> Vec<(Cause, Left)> {
-    let mut trial = Trial { rig, fields, found: Vec::new() };
-    let hypotheses = hypotheses(rig, fields);
-    for (done, hypothesis) in hypotheses.iter().enumerate() {
-        progress(done, hypotheses.len());
-        trial.run(*hypothesis);
-    }
-    progress(hypotheses.len(), hypotheses.len());
-    *tried = hypotheses.len();
-    trial.found
+    hypotheses: &[Hypothesis],
+    go_on: &(impl Fn(usize, usize) -> bool + Sync),
+) -> Option<Vec<(Cause, Left)>> {
+    let (next, tried, stopped) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicBool::new(false));
+    let work = || {
+        let mut found = Vec::new();
+        while !stopped.load(Ordering::Relaxed) {
+            let at = next.fetch_add(1, Ordering::Relaxed);
+            let Some(hypothesis) = hypotheses.get(at) else { break };
+            if !go_on(tried.load(Ordering::Relaxed), hypotheses.len()) {
+                stopped.store(true, Ordering::Relaxed);
+                break;
+            }
+            found.extend(tried_out(rig, fields, hypothesis).map(|found| (at, found)));
+            tried.fetch_add(1, Ordering::Relaxed);
+        }
+        found
+    };
+    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(hypotheses.len());
+    let mut found: Vec<(usize, (Cause, Left))> = std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+        threads.into_iter().flat_map(|thread| thread.join().expect("a remedy does not panic")).collect()
+    });
+    found.sort_by_key(|(at, _)| *at);
+    (!stopped.load(Ordering::Relaxed)).then(|| found.into_iter().map(|(_, found)| found).collect())
 }
 
 /// True where what is left is noise.
@@ -181,7 +159,7 @@ fn onset(slices: &[(Nanos, Left)]) -> Option<Nanos> {
 }
 
 /// Something to try.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 enum Hypothesis {
     Discrete(Cause),
     Shift(u32),
@@ -203,36 +181,26 @@ fn hypotheses(rig: &Rig, fields: &[BlobField]) -> Vec<Hypothesis> {
     all
 }
 
-/// Remedies tried on a stretch.
-struct Trial<'a> {
-    rig: &'a Rig,
-    fields: &'a [BlobField],
-    found: Vec<(Cause, Left)>,
-}
-
-impl Trial<'_> {
-    fn run(&mut self, hypothesis: Hypothesis) {
-        let (rig, fields) = (self.rig, self.fields);
-        let of = |cause: &Cause| measure(rig, &undone(cause, fields));
-        let found = match hypothesis {
-            Hypothesis::Discrete(cause) => Some((cause, of(&cause))),
-            Hypothesis::Shift(camera) => {
-                let cause = |late_ms| Cause::StampsShifted { camera, late_ms };
-                let shift = least(&SHIFTS_MS, |late_ms| of(&cause(late_ms)).all.rms());
-                shift.map(|(late_ms, _)| (cause(late_ms), of(&cause(late_ms))))
-            }
-            Hypothesis::Scale => {
-                let cost = |factor| measure(&rescaled(rig, factor), fields);
-                let scale = least(&SCALES, |factor| cost(factor).all.rms());
-                scale.map(|(factor, _)| (Cause::Scale { factor }, cost(factor)))
-            }
-            Hypothesis::Camera(id) => {
-                places::camera_moved(rig, fields, id).map(|(moved, cause)| (cause, measure(&moved, fields)))
-            }
-            Hypothesis::Marker(body, marker) => places::marker_moved(rig, fields, body, marker)
-                .map(|(moved, cause)| (cause, measure(&moved, fields))),
-        };
-        self.found.extend(found);
+/// What the remedy of a hypothesis leaves, with its size; `None` where it has none there.
+fn tried_out(rig: &Rig, fields: &[BlobField], hypothesis: &Hypothesis) -> Option<(Cause, Left)> {
+    let of = |cause: &Cause| measure(rig, &undone(cause, fields));
+    match *hypothesis {
+        Hypothesis::Discrete(ref cause) => Some((cause.clone(), of(cause))),
+        Hypothesis::Shift(camera) => {
+            let cause = |by_ms| Cause::ClockShifted { camera, by_ms };
+            let shift = least(&SHIFTS_MS, |by_ms| of(&cause(by_ms)).all.rms());
+            shift.map(|(by_ms, _)| (cause(by_ms), of(&cause(by_ms))))
+        }
+        Hypothesis::Scale => {
+            let cost = |factor| measure(&rescaled(rig, factor), fields);
+            let scale = least(&SCALES, |factor| cost(factor).all.rms());
+            scale.map(|(factor, _)| (Cause::Scale { camera: None, factor }, cost(factor)))
+        }
+        Hypothesis::Camera(id) => {
+            places::camera_moved(rig, fields, id).map(|(moved, cause)| (cause, measure(&moved, fields)))
+        }
+        Hypothesis::Marker(body, marker) => places::marker_moved(rig, fields, body, marker)
+            .map(|(moved, cause)| (cause, measure(&moved, fields))),
     }
 }
 

@@ -79,9 +79,9 @@ pub fn camera_moved(rig: &Rig, fields: &[BlobField], id: u32) -> Option<(Rig, Ca
     entry.rotation = std::array::from_fn(|r| std::array::from_fn(|c| camera.camera_from_world[(r, c)]));
     entry.t = camera.translation_mm.into();
     let turn = camera.camera_from_world * before.camera_from_world.transpose();
-    let turn_rad = UnitQuaternion::from_matrix(&turn).angle();
+    let turn_deg = UnitQuaternion::from_matrix(&turn).angle().to_degrees();
     let shift_mm = (camera.centre_in_world() - before.centre_in_world()).norm();
-    Some((moved, Cause::CameraMoved { camera: id, turn_rad, shift_mm }))
+    Some((moved, Cause::CameraMoved { camera: id, turn_deg, shift_mm }))
 }
 
 /// One Gauss–Newton step of a camera's pose.
@@ -138,8 +138,8 @@ pub fn marker_moved(rig: &Rig, fields: &[BlobField], body: usize, marker: usize)
         }
         moved.bodies[index].markers[marker].p = (place(&moved) + step).into();
     }
-    let shift_mm = (place(&moved) - place(rig)).into();
-    Some((moved, Cause::MarkerMoved { body, marker, shift_mm }))
+    let by_mm = (place(&moved) - place(rig)).into();
+    Some((moved, Cause::marker_moved(body, marker, by_mm)))
 }
 
 /// One step of a marker's place in its body, mm.

@@ -17,7 +17,7 @@ pub fn discrete(rig: &Rig, fields: &[BlobField]) -> Vec<Cause> {
         colours.into_iter().chain(others).collect::<BTreeSet<_>>().into_iter().collect();
     let mut causes = Vec::new();
     causes.extend(pairs(&ids).map(|cameras| Cause::CamerasSwapped { cameras }));
-    causes.extend(pairs(&colours).map(|colours| Cause::ColoursSwapped { colours }));
+    causes.extend(pairs(&colours).map(|colours| Cause::ColoursSwapped { colours, cameras: Vec::new() }));
     let each = || ids.iter().map(|id| Some(*id)).chain([None]);
     causes.extend(each().map(|camera| Cause::ParitySwapped { camera }));
     causes
@@ -39,15 +39,15 @@ fn undo(cause: &Cause, field: &mut BlobField) {
     let is_it = |camera: &Option<u32>, of: u32| camera.is_none_or(|id| id == of);
     match cause {
         Cause::CamerasSwapped { cameras } => field.camera = exchanged(*cameras, field.camera),
-        Cause::ColoursSwapped { colours } => {
+        Cause::ColoursSwapped { colours, .. } => {
             let count = field.blobs().len();
             for blob in &mut field.blobs[..count] {
                 blob.colour = exchanged(colours.map(|c| c as u32), blob.colour);
             }
         }
         Cause::ParitySwapped { camera } if is_it(camera, field.camera) => field.parity ^= 1,
-        Cause::StampsShifted { camera, late_ms } if *camera == field.camera => {
-            let shift = (late_ms * 1e6) as i64;
+        Cause::ClockShifted { camera, by_ms } if *camera == field.camera => {
+            let shift = (by_ms * 1e6) as i64;
             field.exposed_ns = field.exposed_ns.saturating_add_signed(-shift).max(1);
         }
         _ => {}
@@ -93,7 +93,7 @@ mod tests {
             assert_ne!(bytes(&once), bytes(&fields), "{cause}");
             assert_eq!(bytes(&undone(cause, &once)), bytes(&fields), "{cause}");
         }
-        let late = Cause::StampsShifted { camera: 1, late_ms: 3.0 };
+        let late = Cause::ClockShifted { camera: 1, by_ms: 3.0 };
         let moved = undone(&late, &fields);
         let shifts = moved.iter().zip(&fields).filter(|(m, f)| m.exposed_ns + 3_000_000 == f.exposed_ns);
         assert_eq!(shifts.count(), 4);

@@ -1,0 +1,105 @@
+//! What the judge of causes says, in figures and in words.
+
+use super::Cause;
+use serde::Serialize;
+
+/// A cause with its evidence.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Explanation {
+    /// The cause.
+    #[serde(flatten)]
+    pub cause: Cause,
+    /// Root mean square of what is left in the pictures with its remedy, px.
+    pub left_px: f64,
+    /// Blobs by which it was judged.
+    pub blobs: u64,
+}
+
+/// What the judge says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// There was too little to judge.
+    TooLittle,
+    /// The rig holds.
+    NothingWrong,
+    /// Something is wrong, and no cause of the catalogue explains it.
+    Unknown,
+    /// The causes named explain it, one as well as another.
+    Explained,
+    /// Something is wrong; the search for its cause was stopped.
+    Stopped,
+}
+
+/// What is wrong with a recording, and why.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Judgement {
+    /// In short.
+    pub verdict: Verdict,
+    /// Root mean square of what is left in the pictures, px; a blob that no marker explains counts as 2 px.
+    pub left_px: f64,
+    /// Blobs by which that was measured.
+    pub blobs: u64,
+    /// Exposure from which on something is wrong, s after the first field; 0 from the start.
+    pub since_s: f64,
+    /// True where the rig holds all the same: bodies are tracked, and what is left is small.
+    pub holds: bool,
+    /// The causes that explain it alike, those with the fewest parameters first.
+    pub explanations: Vec<Explanation>,
+    /// Causes that were tried.
+    pub tried: usize,
+}
+
+impl Judgement {
+    /// In a sentence.
+    pub fn text(&self) -> String {
+        let left = format!("{:.2} px are left of {} blobs", self.left_px, self.blobs);
+        let since = format!("from {:.1} s on {left}", self.since_s);
+        match self.verdict {
+            Verdict::TooLittle => format!("too little to judge: {} blobs", self.blobs),
+            Verdict::NothingWrong => format!("nothing is wrong: {left}"),
+            Verdict::Unknown => format!("{since}; none of {} causes explains it", self.tried),
+            Verdict::Stopped => format!("{since}; the search for the cause was stopped"),
+            Verdict::Explained => {
+                let named =
+                    self.explanations.iter().map(|e| format!("{} ({:.2} px then)", e.cause, e.left_px));
+                format!("{since}: {}{}", named.collect::<Vec<_>>().join(", or "), self.remedies())
+            }
+        }
+    }
+
+    /// For the end of a run: the likely cause, since when, and what helps; `None` where the rig holds or there
+    /// was too little to judge. `starts_s`: instant of the first field that was judged, s after the run's first.
+    pub fn paragraph(&self, starts_s: f64) -> Option<String> {
+        let since = match starts_s + self.since_s {
+            at if at > 0.0 => format!("since {at:.1} s"),
+            _ => "from the start".into(),
+        };
+        let left = format!("{:.2} px are left of the blobs {since}", self.left_px);
+        if self.holds {
+            return None;
+        }
+        match self.verdict {
+            Verdict::TooLittle | Verdict::NothingWrong => None,
+            Verdict::Unknown => Some(format!("{left}, and none of {} known causes explains it", self.tried)),
+            Verdict::Stopped => {
+                Some(format!("{left}; the search for the cause took too long and was left off"))
+            }
+            Verdict::Explained => {
+                let named: Vec<String> = self.explanations.iter().map(|e| e.cause.to_string()).collect();
+                Some(format!("likely cause: {} ({left}){}", named.join(", or "), self.remedies()))
+            }
+        }
+    }
+
+    /// What helps, as the end of a sentence; each remedy once.
+    fn remedies(&self) -> String {
+        let mut remedies: Vec<&str> = Vec::new();
+        for remedy in self.explanations.iter().filter_map(|e| e.cause.remedy()) {
+            if !remedies.contains(&remedy) {
+                remedies.push(remedy);
+            }
+        }
+        if remedies.is_empty() { String::new() } else { format!(". What helps: {}", remedies.join("; or: ")) }
+    }
+}
