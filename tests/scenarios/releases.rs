@@ -47,7 +47,9 @@ fn recordings_of_every_release_are_read_described_and_verified() {
         let info: Value = serde_json::from_str(&told).expect("JSON");
         let all: u64 = info["messages"].as_object().expect("topics").values().filter_map(Value::as_u64).sum();
         assert_eq!(all as usize, items, "{version}");
-        assert!(info["versions"]["vitreo"].is_string(), "{version}: {told}");
+        if version != "next" {
+            assert_eq!(info["versions"]["vitreo"].as_str(), Some(version));
+        }
         vitreo(&["check", &path]).expect_code(0);
         let verified = verify(&file);
         let (poses, states) = (verified.poses(), verified.states());
