@@ -2,6 +2,7 @@
 //! takes in whole streams of messages.
 
 mod binary;
+mod pairs;
 mod state;
 mod text;
 mod wire;
@@ -61,7 +62,7 @@ pub struct Target {
 
 /// Every target, in the order in which a campaign tries them.
 pub fn all() -> Vec<Target> {
-    [wire::targets(), text::targets(), binary::targets(), state::targets()].concat()
+    [wire::targets(), text::targets(), binary::targets(), pairs::targets(), state::targets()].concat()
 }
 
 /// The target of this name.
