@@ -271,6 +271,28 @@ fn on_a_full_disk_a_file_is_whole_or_absent() {
     assert!(String::from_utf8_lossy(&done.stderr).contains("the disk is full"), "{done:?}");
 }
 
+/// A what-if and a sweep's table that do not fit, whatever their work has cost by then.
+#[test]
+fn a_what_if_and_a_sweep_that_run_out_of_disk_name_the_file_and_leave_nothing() {
+    let desk = Desk::new();
+    let recording = desk.name("a.mcap");
+    let sweep = "--set tracker.tremor_damping=0.016:0.05:2 --parquet FULL/o > /dev/null";
+    for line in [
+        format!("vitreo replay {recording} -o FULL/o; echo $?; ls -A FULL"),
+        format!(
+            "head -c 16k /dev/zero > FULL/a; vitreo sweep {recording} {sweep}; echo $?; rm FULL/a; ls -A FULL"
+        ),
+    ] {
+        let Some(done) = with_small_disk(&desk, &line) else {
+            return skips::skip(&"no mount namespace is granted");
+        };
+        assert_eq!(String::from_utf8_lossy(&done.stdout), "1\n", "{line}: {done:?}");
+        let told = String::from_utf8_lossy(&done.stderr).into_owned();
+        let file = format!("{}/o", desk.at("disk").display());
+        assert!(told.contains(&file) && told.contains("the disk is full"), "{line}: {told}");
+    }
+}
+
 #[test]
 fn a_reader_who_leaves_ends_no_command_and_a_full_disk_is_told() {
     let desk = Desk::new();
