@@ -34,7 +34,7 @@ fn line(defect: Defect, scenario: Scenario, seeds: u64) {
             (Verdict::Explained, 1) if right => alone += 1,
             (Verdict::Explained, _) if right => several += 1,
             (Verdict::Explained, _) => wrong += 1,
-            (Verdict::NothingWrong | Verdict::TooLittle, _) => nothing += 1,
+            (Verdict::NothingWrong | Verdict::TooLittle | Verdict::Stopped, _) => nothing += 1,
             (Verdict::Unknown, _) => unknown += 1,
         }
         if right {
