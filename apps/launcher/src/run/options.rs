@@ -2,6 +2,7 @@
 
 use super::arguments::{injected_delay, percentile, positive, share};
 use super::cameras::check_program;
+use super::field_trace::TraceOutArgs;
 use super::policy::MAX_RESTARTS;
 use crate::modules::Composed;
 use anyhow::Context;
@@ -121,6 +122,9 @@ pub struct OutputArgs {
     /// Write the figures of the run.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
+    /// Whether it is traced.
+    #[command(flatten)]
+    pub trace: TraceOutArgs,
     /// Whether files that exist are written over.
     #[command(flatten)]
     pub force: Force,
@@ -318,12 +322,9 @@ impl RunArgs {
         self.real.cameras.as_deref().map_or(Ok(()), check_program)?;
         picture.instruments.as_deref().map_or(Ok(()), |folder| check_folder("--instruments", folder))?;
         let mut outputs = Outputs::new(self.outputs.force.force).reading_all(self.inputs());
-        for file in [&self.outputs.record, &self.outputs.report, &picture.video, &cameras.fault_log]
-            .into_iter()
-            .flatten()
-        {
-            outputs.claim(file)?;
-        }
+        let OutputArgs { record, report, trace, .. } = &self.outputs;
+        let files = [record, report, &trace.trace_out, &picture.video, &cameras.fault_log];
+        files.into_iter().flatten().try_for_each(|file| outputs.claim(file))?;
         picture.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder, STILLS))?;
         Ok(outputs)
     }
