@@ -164,6 +164,7 @@ bench: setup ## Measure the parts, and latency and CPU cost without and with the
 	cargo run --release -p renderer -- bench render
 	cargo bench -p validation --bench vitreous
 	cargo bench -p replay --bench snapshot
+	cargo bench -p validation --bench trace
 	cargo build --release
 	@mkdir -p out
 	$(RELEASE) run --no-picture --instance bench --duration 30 --force --report out/bench-no-picture.json

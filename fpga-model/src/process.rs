@@ -12,12 +12,14 @@ use bytemuck::Zeroable;
 use ipc::clock::now;
 use ipc::outbox::Outbox;
 use ipc::shell::{Served, Shell, Work};
+use ipc::trace::About;
 use ipc::{BlockReceiver, BlockSample, Instance, Sender};
 use protocol::blobs::BlobField;
 use protocol::control::Command;
 use protocol::fields::{FieldHeader, FieldPicture};
 use protocol::health::{Process, STATE_DEGRADED};
 use protocol::limits::{FIELD_PERIOD_NS, MAX_CAMERAS};
+use protocol::phases::Phase;
 use protocol::time::Nanos;
 use rig::Rig;
 
@@ -91,19 +93,23 @@ impl FpgaModelShell {
             self.outbox.clear();
         }
         *newest = header.field;
+        let begun = self.shell.trace.begin();
         let mut field = BlobField::zeroed();
         let due_ns = extractor.extract(header, &picture, &mut field) + self.shell.delay_ns();
         if !self.outbox.put(due_ns, &field) {
+            tracing::debug!(field = field.field, camera = field.camera, "no room for the blobs of a field");
             self.no_room += 1;
         }
+        self.shell.trace.end(Phase::Scan, About::camera(field.field, field.camera), begun);
         Ok(())
     }
 
     /// Counts a field that fits no camera of the rig, and reports the first in the heartbeat.
     fn refuse(&mut self, header: &FieldHeader) -> Result<()> {
+        let FieldHeader { field, camera, width, height, .. } = header;
+        tracing::debug!(field, camera, width, height, "a field of no camera of the rig");
         self.foreign += 1;
         if self.foreign == 1 {
-            let FieldHeader { camera, width, height, .. } = header;
             self.shell.report.state = STATE_DEGRADED;
             self.shell.set_text(&format!("no camera {camera} with fields of {width}×{height} px in the rig"));
             self.shell.beat_now(now())?;
@@ -116,6 +122,8 @@ impl FpgaModelShell {
         while let Some(mut field) = self.outbox.take(now()) {
             field.blobs_out_ns = now();
             self.blobs.send(&field)?;
+            let about = About::camera(field.field, field.camera);
+            self.shell.trace.end(Phase::SendScanned, about, field.blobs_out_ns);
             self.shell.report.sent = self.blobs.sent();
         }
         Ok(())

@@ -49,6 +49,7 @@ pub mod limits;
 pub mod matches;
 pub mod message;
 pub mod optics;
+pub mod phases;
 pub mod poses;
 pub mod predict;
 pub mod random;

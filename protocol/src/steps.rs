@@ -3,6 +3,7 @@
 
 use crate::handles::{HandleState, PedalState};
 use crate::message::{Invalid, Message, require};
+use crate::phases::Phase;
 use crate::poses::TrackerFrame;
 use crate::time::{Instants, Nanos};
 use crate::wire::Wire;
@@ -78,6 +79,20 @@ impl StepProfile {
     /// Names of the phases, in the order of [`StepProfile::phases_ns`].
     pub const PHASES: [&str; 9] =
         ["collision", "tissue", "bodies", "tools", "vitreous", "task", "hash", "transfer", "misc"];
+
+    /// Where the time of a phase is added up, ns; that of any other than the step's own in the rest.
+    pub fn time_of(&mut self, phase: Phase) -> &mut u64 {
+        match phase {
+            Phase::Collision => &mut self.collision_ns,
+            Phase::Tissue => &mut self.tissue_ns,
+            Phase::Bodies => &mut self.bodies_ns,
+            Phase::Tools => &mut self.tools_ns,
+            Phase::Vitreous => &mut self.vitreous_ns,
+            Phase::Task => &mut self.task_ns,
+            Phase::Hash => &mut self.hash_ns,
+            _ => &mut self.misc_ns,
+        }
+    }
 
     /// Time of each phase, ns.
     pub fn phases_ns(&self) -> [u64; Self::PHASES.len()] {

@@ -33,6 +33,7 @@ use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use protocol::message::Invalid;
 use protocol::optics::Filter;
+use protocol::phases::{Phase, Phases, Unmarked};
 use protocol::scene::{Microscope, SceneHeader, SceneNode, SceneTriangle, section};
 use scene::Side;
 use std::ops::Range;
@@ -209,12 +210,28 @@ impl Renderer {
         self.encode_layers(gpu, tier_index, Layers::ALL)
     }
 
+    /// As [`Self::encode`]; the end of each pass is marked on `phases`.
+    pub fn encode_in_phases(&self, gpu: &Gpu, tier_index: usize, phases: &mut impl Phases) -> CommandBuffer {
+        self.record_passes(gpu, tier_index, Layers::ALL, phases)
+    }
+
     /// As [`Self::encode`], with some layers only, to measure the cost of each. The device times
     /// the passes `shadow`, `picture` and `focus`; see [`crate::timing`].
     pub fn encode_layers(&self, gpu: &Gpu, tier_index: usize, layers: Layers) -> CommandBuffer {
+        self.record_passes(gpu, tier_index, layers, &mut Unmarked)
+    }
+
+    fn record_passes(
+        &self,
+        gpu: &Gpu,
+        tier_index: usize,
+        layers: Layers,
+        phases: &mut impl Phases,
+    ) -> CommandBuffer {
         let frame = self.frame_context(tier_index, layers);
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         self.draw_shadow_map(&mut encoder, &frame);
+        phases.ended(Phase::EncodeShadow);
         let mut picture = frame.begin_picture(&mut encoder);
         for channel in self.channels.clone() {
             self.set_channel(&mut picture, &frame, channel);
@@ -234,9 +251,12 @@ impl Renderer {
             }
         }
         drop(picture);
+        phases.ended(Phase::EncodePicture);
         self.draw_depth_of_field(&mut encoder, &frame);
         frame.resolve_timestamps(&mut encoder);
-        encoder.finish()
+        let commands = encoder.finish();
+        phases.ended(Phase::EncodeFocus);
+        commands
     }
 
     /// Writes uniforms and tissue for the latched poses and submits `commands`. Returns at once,

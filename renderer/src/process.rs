@@ -1,6 +1,7 @@
 //! The process: a new scene or the display wakes it, it draws one stereo frame with the newest pose,
 //! and publishes the frame's instants.
 
+mod drawing;
 mod held;
 mod pictures;
 mod standby;
@@ -23,9 +24,11 @@ use crate::start::{self, Hurry};
 use crate::stereo::Arrangement;
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
+use drawing::Drawn;
 use held::Held;
 use ipc::clock::{now, sleep_until};
 use ipc::shell::{Served, Shell, Work};
+use ipc::trace::About;
 use ipc::{BlockReceiver, BlockSender, Instance, Queue, Receiver, Sender, instance_directory};
 use protocol::bindings::next_steps;
 use protocol::budget::{Budgets, Stage};
@@ -36,6 +39,7 @@ use protocol::frames::{
 };
 use protocol::health::Process;
 use protocol::limits::MAX_PICTURE_BYTES;
+use protocol::phases::Phase;
 use protocol::poses::TrackerFrame;
 use protocol::scene::SceneHeader;
 use protocol::time::Nanos;
@@ -210,7 +214,7 @@ impl RendererShell {
             status_until: None,
             write_failed: false,
         };
-        process.show_tier(false);
+        process.show_tier(None);
         process.renderer.set_arrangement(config.arrangement());
         process.renderer.set_at_desk(config.desk);
         if !process.is_headless() && keys != Keys::Replay {
@@ -267,6 +271,7 @@ impl RendererShell {
 
     /// Takes the newest scene in; true if one came since the last call and is valid.
     fn take_scene(&mut self) -> Result<bool> {
+        let begun = self.shell.trace.begin();
         let Some(sample) = self.scenes.receive()? else { return Ok(false) };
         if let Err(refused) = self.renderer.take_scene(&self.gpu, sample.header(), sample.payload()) {
             self.shell.report.refused += 1;
@@ -276,6 +281,7 @@ impl RendererShell {
         // A scene with triangles that name no node is drawn without them and counts as refused too.
         self.shell.report.refused += u64::from(self.renderer.refused_triangles() > 0);
         self.scene = Some(*sample.header());
+        self.shell.trace.end(Phase::TakeScene, About::field(sample.header().field), begun);
         self.held.note_scene(now());
         Ok(true)
     }
@@ -294,38 +300,44 @@ impl RendererShell {
     /// One stereo frame: records commands, latches the newest pose, submits, waits, presents.
     fn draw_frame(&mut self, frame_start: Nanos, refreshed: Nanos) -> Result<()> {
         let tier = self.governor.tier_index();
+        let of_scene = About::field(self.scene.as_ref().map_or(0, |s| s.field));
+        let begun = self.shell.trace.begin();
         self.lay_over(frame_start);
+        self.shell.trace.end(Phase::Overlay, of_scene, begun);
         if self.lose_device_after == Some(self.frame) {
             self.gpu.device.destroy();
         }
-        let commands = self.renderer.encode(&self.gpu, tier);
+        let commands = self.encode(tier, of_scene);
         self.shell.inject_delay();
         let latched_at = now();
         let Some(latched) = self.latch(self.pacing.expected(latched_at, refreshed))? else { return Ok(()) };
-        let transfer_ns = self.renderer.submit_timed(&self.gpu, tier, &latched, [commands], &mut now);
-        self.present.copy(&self.gpu, self.renderer.target(tier), self.renderer.text());
-        self.gpu.wait()?;
-        let done = now();
-        let stamped = self.renderer.pass_times();
-        let drawn = stamped.map_or(done, |times| self.clock.finished_at(latched_at, times.whole, done));
+        let about = About::field(latched.field);
+        self.shell.trace.end(Phase::Latch, about, latched_at);
+        let Drawn { done, drawn, transfer_ns, stamped } = self.draw(tier, &latched, commands, latched_at)?;
         self.last_drawn = done;
         // Presenting takes time where the processor copies the picture to the display.
         let presented = self.present.show(&self.gpu, self.renderer.target(tier), self.renderer.text());
+        self.shell.trace.end(Phase::Present, about, done);
         let shown = if presented { now() } else { drawn };
         self.pacing.record_frame(frame_start, latched_at, shown);
         let displayed = self.pacing.next_refresh(shown, refreshed);
         self.missed += self.pacing.missed(refreshed, displayed);
         self.end_status(displayed);
-        let mut record = self.record(&latched, tier, stamped.is_some());
+        let mut record = self.record(&latched, tier, stamped);
         (record.frame_start, record.latched) = (frame_start, latched_at);
         (record.drawn, record.displayed) = (drawn, displayed);
         record.transfer_ns = transfer_ns;
+        let send_from = self.shell.trace.begin();
         self.frames.send(&record)?;
+        let write_from = self.shell.trace.end(Phase::SendFrame, about, send_from);
         self.frame += 1;
         if self.governor.record_frame(done - frame_start) {
-            self.show_tier(true);
+            self.show_tier(Some(&record));
         }
-        self.output_frame(tier, &record)
+        self.output_frame(tier, &record)?;
+        self.shell.trace.end(Phase::WriteFiles, about, write_from);
+        self.shell.trace.end(Phase::Picture, of_scene, begun);
+        Ok(())
     }
 
     /// Removes the status from the picture after [`STATUS_NS`].
@@ -379,15 +391,16 @@ impl RendererShell {
         if self.present.refresh_ns().is_none() { self.scenes.counts().lost } else { 0 }
     }
 
-    /// Puts tier and reason into the next heartbeat and, for [`STATUS_NS`], onto the picture.
-    fn show_tier(&mut self, changed: bool) {
+    /// Puts tier and reason into the next heartbeat and, for [`STATUS_NS`], onto the picture. `after`: the
+    /// picture after which it has changed.
+    fn show_tier(&mut self, after: Option<&FrameRecord>) {
         let (index, t, reason) = (self.governor.tier_index(), self.governor.tier(), self.governor.reason());
         let (width, height) = (t.width_px, t.height_px);
         let text = format!("tier {index}: 2×{width}×{height} ({reason}), {}", self.gpu.name);
         self.renderer.set_status(&format!("tier {index}: {width}×{height}\n{reason}"));
         self.status_until = None;
-        if changed {
-            tracing::info!("{text}");
+        if let Some(&FrameRecord { field, frame, .. }) = after {
+            tracing::info!(field, frame, "{text}");
         }
         if !self.write_failed {
             self.shell.set_text(&text);

@@ -3,6 +3,7 @@
 use crate::gpu::Gpu;
 use crate::gpu_clock::Span;
 use crate::passes::buffer;
+use protocol::time::Nanos;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use wgpu::{Buffer, BufferUsages, CommandEncoder, MapMode, QuerySet, RenderPassTimestampWrites};
@@ -29,6 +30,28 @@ pub struct PassTimes {
     pub whole: Span,
     /// Each of [`PASSES`], ns; 0 where a tier has none.
     pub passes_ns: [u64; PASSES.len()],
+    /// When each began, ns on the device's clock.
+    pub begun_ns: [u64; PASSES.len()],
+}
+
+impl PassTimes {
+    /// Begin and end of each of [`PASSES`] on the processor's clock, of a frame that was submitted at the first
+    /// of these instants and finished at the second. A device may begin a pass before the one before it
+    /// has ended; here it then begins with that end. `None` for a pass that a tier does not have.
+    pub fn on_processor_clock(
+        &self,
+        [submitted, finished]: [Nanos; 2],
+    ) -> [Option<[Nanos; 2]>; PASSES.len()] {
+        let mut free_from = submitted;
+        std::array::from_fn(|i| {
+            let before_end_ns = self.whole.end_ns.checked_sub(self.begun_ns[i])?;
+            let begun = finished.saturating_sub(before_end_ns);
+            let ended = begun.saturating_add(self.passes_ns[i]).min(finished);
+            let from = begun.max(free_from);
+            free_from = free_from.max(ended);
+            (self.passes_ns[i] > 0 && from < ended).then_some([from, ended])
+        })
+    }
 }
 
 /// Timestamp queries of one frame, and the buffers through which they come back.
@@ -117,6 +140,37 @@ impl Timing {
         self.before_submit();
         let pass = |i: usize| ns[2 * i + 1].saturating_sub(ns[2 * i]);
         let whole = Span { begin_ns: ns[0], end_ns: ns.into_iter().max().unwrap_or_default() };
-        Some(PassTimes { whole, passes_ns: std::array::from_fn(pass) })
+        let begun_ns = std::array::from_fn(|i| ns[2 * i]);
+        Some(PassTimes { whole, passes_ns: std::array::from_fn(pass), begun_ns })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn passes_stand_before_the_end_of_their_frame() {
+        let whole = Span { begin_ns: 1_000, end_ns: 1_900 };
+        let times = PassTimes { whole, passes_ns: [100, 500, 300], begun_ns: [1_000, 1_050, 1_600] };
+        let found = times.on_processor_clock([50_000, 60_000]);
+        assert_eq!(found, [Some([59_100, 59_200]), Some([59_200, 59_650]), Some([59_700, 60_000])]);
+        let without = PassTimes { passes_ns: [100, 500, 0], begun_ns: [1_000, 1_100, 0], ..times };
+        assert_eq!(without.on_processor_clock([50_000, 60_000])[2], None);
+    }
+
+    proptest! {
+        #[test]
+        fn passes_never_overlap_and_stay_within_their_frame(
+            begun_ns: [u64; 3], passes_ns: [u64; 3], end_ns: u64, frame in 0u64..1 << 50, took in 0u64..1 << 40,
+        ) {
+            let times = PassTimes { whole: Span { begin_ns: 0, end_ns }, passes_ns, begun_ns };
+            let mut before = frame;
+            for [from, to] in times.on_processor_clock([frame, frame + took]).into_iter().flatten() {
+                prop_assert!(before <= from && from < to && to <= frame + took);
+                before = to;
+            }
+        }
     }
 }

@@ -6,22 +6,24 @@ mod saving;
 
 use crate::config::Args;
 use crate::scene_block::{SceneWriter, bytes_needed};
-use crate::world::World;
+use crate::world::{StepReport, World};
 use anyhow::Context;
 use collision::backend::Backend;
 use ipc::awake::Awake;
 use ipc::clock::now;
 use ipc::shell::{Served, Shell, Work};
+use ipc::trace::About;
 use ipc::{BlockSender, Instance, IpcError, Queue, Receiver, Sender, wait};
 use protocol::control::Command;
 use protocol::events::{Event, EventKind, NO_INSTRUMENT};
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::Process;
 use protocol::message::Message;
+use protocol::phases::Phase;
 use protocol::poses::TrackerFrame;
 use protocol::scene::SceneHeader;
-use protocol::steps::{StepInput, StepRecord};
-use protocol::time::Nanos;
+use protocol::steps::{StepInput, StepProfile, StepRecord};
+use protocol::time::{Instants, Nanos};
 use saving::Saving;
 use scene::{DEFAULT_SCENE, SceneFile};
 
@@ -143,19 +145,46 @@ impl SimcoreShell {
     }
 
     /// One tracker frame: everything the handles and the pedal said until now goes with it.
-    fn step(&mut self, world: &mut World, frame: &TrackerFrame, shell: &Shell) -> anyhow::Result<()> {
+    fn step(&mut self, world: &mut World, frame: &TrackerFrame, shell: &mut Shell) -> anyhow::Result<()> {
+        let about = About::field(frame.field);
+        let taken = shell.trace.begin();
         self.drain()?;
+        shell.trace.end(Phase::Inputs, about, taken);
         let begun = now();
         let (handles, pedals) = (&self.handle_queue[..], &self.pedal_queue[..]);
-        let report = world.step(&StepInput { frame, handles, pedals }, &mut now);
+        let input = StepInput { frame, handles, pedals };
+        let report = match shell.trace.laps(about) {
+            Some(mut laps) => world.step_in_phases(&input, &mut laps),
+            None => world.step(&input, &mut now),
+        };
         shell.inject_delay();
         let mut instants = frame.instants;
         let transfer_begin = now();
         instants.stepped = transfer_begin;
         let (writer, hash) = (&mut self.writer, report.state_hash);
         self.scenes.send(self.scene_bytes, |payload| writer.write(world, instants, hash, payload))?;
+        let transferred = now();
+        shell.trace.note(Phase::Scene, about, [transfer_begin, transferred]);
         let mut profile = report.profile;
-        profile.transfer_ns = now() - transfer_begin;
+        profile.transfer_ns = transferred - transfer_begin;
+        self.send_step(world, frame, &report, instants, profile)?;
+        let sent = shell.trace.end(Phase::SendStep, about, transferred);
+        if self.saving.save_if_due(world, hash, [begun, now()])? {
+            shell.trace.end(Phase::SaveState, about, sent);
+        }
+        shell.trace.end(Phase::Step, about, taken);
+        Ok(())
+    }
+
+    /// Sends the figures of a step, and its events.
+    fn send_step(
+        &mut self,
+        world: &World,
+        frame: &TrackerFrame,
+        report: &StepReport,
+        instants: Instants,
+        profile: StepProfile,
+    ) -> Result<(), IpcError> {
         let (state, removed) = (world.state(), world.removed());
         self.steps.send(&StepRecord {
             step: state.step,
@@ -165,7 +194,7 @@ impl SimcoreShell {
             handles_below: state.handles_below,
             pedals_below: state.pedals_below,
             advanced_ns: report.advanced_ns,
-            state_hash: hash,
+            state_hash: report.state_hash,
             profile,
             inputs_refused: state.refused + self.refused_by_channels(),
             frames_lost: self.poses.counts().lost + self.passed_over,
@@ -175,8 +204,7 @@ impl SimcoreShell {
             vitreous_left_um3: removed.vitreous_left_um3,
             contacts: world.contacts(),
         })?;
-        self.send_events(world, frame)?;
-        self.saving.save_if_due(world, hash, [begun, now()])
+        self.send_events(world, frame)
     }
 
     /// The next pose to step to; after a sleep the newest one. What lies before it is past: the
@@ -190,6 +218,8 @@ impl SimcoreShell {
                 self.passed_over += 1;
             }
             if self.passed_over > before {
+                let poses = self.passed_over - before;
+                tracing::debug!(field = next.field, poses, "poses before this field are passed over");
                 let slept_ms = slept_ns as f64 * 1e-6;
                 self.send_own_event(world, next.instants.exposed, EventKind::Slept, slept_ms)?;
             }

@@ -41,6 +41,7 @@ use nalgebra::Isometry3;
 use protocol::events::{Event, EventDraft, EventKind};
 use protocol::limits::{BODIES, INSTRUMENTS, MAX_SCENE_BYTES};
 use protocol::message::fnv1a;
+use protocol::phases::{Phase, PhaseClock};
 use protocol::poses::TrackerFrame;
 use protocol::steps::{StepInput, StepProfile};
 use scene::SceneFile;
@@ -192,7 +193,12 @@ impl World {
 
     /// Advances to the exposure of the frame. `clock` gives nanoseconds for the report's profile
     /// and nothing else; [`no_clock`] will do.
-    pub fn step(&mut self, input: &StepInput, clock: &mut dyn FnMut() -> u64) -> StepReport {
+    pub fn step(&mut self, input: &StepInput, mut clock: &mut dyn FnMut() -> u64) -> StepReport {
+        self.step_in_phases(input, &mut clock)
+    }
+
+    /// As [`World::step`], by a clock that takes note of each phase too.
+    pub fn step_in_phases(&mut self, input: &StepInput, clock: &mut impl PhaseClock) -> StepReport {
         let mut timer = StepTimer::start(clock);
         let mut sheets = self.begin_step(input.frame);
         self.apply_handles(input.handles);
@@ -202,34 +208,34 @@ impl World {
         let (mut suction, mut stopped) = (StepSuction::default(), StoppedBodies::default());
         for k in 1..=plan.substeps {
             let poses = self.move_instruments(&plan, k);
-            timer.lap(|p| &mut p.misc_ns);
+            timer.lap(Phase::Misc);
             let tools = self.place_tools(&plan, &poses);
             self.apply_suction(&tools, &mut suction);
             self.use_forceps(&plan, &poses, k);
-            timer.lap(|p| &mut p.tools_ns);
+            timer.lap(Phase::Tools);
             sheets.merge(&self.move_sheets(&poses, &tools));
-            timer.lap(|p| &mut p.tissue_ns);
+            timer.lap(Phase::Tissue);
             stopped.add(self.move_bodies(&plan, &poses, k));
-            timer.lap(|p| &mut p.bodies_ns);
+            timer.lap(Phase::Bodies);
             self.state.substeps += 1;
             self.touch_retina(&plan);
             sheets.merge(&self.push_sheets(&plan, &poses, &tools));
-            timer.lap(|p| &mut p.collision_ns);
+            timer.lap(Phase::Collision);
         }
         self.move_vitreous(&plan, &suction);
-        timer.lap(|p| &mut p.vitreous_ns);
+        timer.lap(Phase::Vitreous);
         self.stain_membrane(&plan);
         self.accumulate_light_dose(&plan);
-        timer.lap(|p| &mut p.tools_ns);
+        timer.lap(Phase::Tools);
         self.emit_stopped(stopped);
         self.end_sheets(&plan, sheets);
-        timer.lap(|p| &mut p.tissue_ns);
+        timer.lap(Phase::Tissue);
         self.end_task(input.frame);
-        timer.lap(|p| &mut p.task_ns);
+        timer.lap(Phase::Task);
         self.end_step(&plan);
-        timer.lap(|p| &mut p.misc_ns);
+        timer.lap(Phase::Misc);
         let state_hash = checkpoint::state_hash(&self.state);
-        timer.lap(|p| &mut p.hash_ns);
+        timer.lap(Phase::Hash);
         StepReport { advanced_ns: plan.advance_ns, state_hash, profile: timer.profile() }
     }
 

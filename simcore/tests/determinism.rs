@@ -1,6 +1,7 @@
 //! The same inputs give the same state, to the bit: on every run, in every build, across a
 //! checkpoint.
 
+use protocol::phases::{Phase, PhaseClock};
 use protocol::steps::StepProfile;
 use scene::SceneFile;
 use simcore::world::{World, no_clock};
@@ -46,6 +47,41 @@ fn the_clock_lent_for_times_changes_nothing() {
     // The transfer is timed by the process.
     let untimed = StepProfile::PHASES.into_iter().zip(sum).filter(|(_, ns)| *ns == 0);
     assert!(untimed.map(|(phase, _)| phase).eq(["transfer"]), "{sum:?}");
+}
+
+/// A clock that goes on by one with each reading, and keeps the laps.
+#[derive(Default)]
+struct Laps {
+    now: u64,
+    laps: Vec<(Phase, [u64; 2])>,
+}
+
+impl PhaseClock for Laps {
+    fn read(&mut self) -> u64 {
+        self.now += 1;
+        self.now
+    }
+
+    fn lap(&mut self, phase: Phase, from_to: [u64; 2]) {
+        self.laps.push((phase, from_to));
+    }
+}
+
+#[test]
+fn the_phases_of_a_step_follow_without_a_gap_and_add_up_to_its_profile() {
+    let (rehearsal, mut world) = peel();
+    let mut again = world_of(&world);
+    for field in 225..245 {
+        let plain = world.step(&rehearsal.inputs(field).input(), &mut no_clock);
+        let mut clock = Laps::default();
+        let noted = again.step_in_phases(&rehearsal.inputs(field).input(), &mut clock);
+        assert_eq!(plain.state_hash, noted.state_hash);
+        let mut profile = StepProfile::default();
+        clock.laps.iter().for_each(|(phase, [from, to])| *profile.time_of(*phase) += to - from);
+        assert_eq!(profile, noted.profile);
+        assert!(clock.laps.windows(2).all(|pair| pair[0].1[1] == pair[1].1[0]), "field {field}");
+        assert_eq!((clock.laps[0].1[0], clock.laps.len()), (1, clock.now as usize - 1));
+    }
 }
 
 #[test]

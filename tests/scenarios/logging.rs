@@ -1,8 +1,11 @@
 //! Messages of a run on standard error: text for a person, JSON lines for a program.
 
+use protocol::blobs::BlobField;
+use protocol::fields::{FORMAT_YCBCR_422, FieldHeader};
+use protocol::health::Process;
 use serde_json::Value;
 use std::process::{Command, Stdio};
-use vitreo_tests::{binaries, instance_name, repository, vitreo};
+use vitreo_tests::{Observer, Running, binaries, instance_name, next, repository, vitreo};
 
 /// Standard error of a run of one second; `None` where no driver can draw its picture.
 fn run(extra: &[&str]) -> Option<String> {
@@ -30,6 +33,50 @@ fn json_lines_of_all_processes_come_unchanged() {
     }
     let has = |process: &str| lines.iter().any(|l| l["process"] == process);
     assert!(has("launcher") && has("simcore"), "{text}");
+}
+
+/// What one process refuses of a running simulator: a field that was there already, and one of no camera.
+#[test]
+fn records_about_a_field_carry_its_number() {
+    let name = instance_name();
+    let log = ["--log-format", "json", "--log", "tracker=debug,fpga_model=debug"];
+    let run = ["run", "--no-picture", "--duration", "90", "--instance", &name];
+    let running = Running::start(&[&run[..], &log].concat());
+    let mut observer = Observer::join(&name);
+    let mut blobs = observer.receiver::<BlobField>();
+    let field = next(&mut blobs, |field| field.field >= 20);
+    observer.sender::<BlobField>().send(&field).expect("sent");
+    let foreign = FieldHeader { field: 4711, camera: 7, width: 8, height: 2, lines: 2, ..header() };
+    let mut fields = observer.fields(foreign.bytes());
+    fields.send(foreign.bytes(), |_| foreign).expect("sent");
+    observer.health(Process::FpgaModel, |h| h.refused > 0);
+    next(&mut blobs, |later| later.field > field.field + 5);
+    drop((blobs, fields, observer));
+    vitreo(&["ctl", "quit", "--instance", &name]).expect_code(0);
+    let text = running.finish().expect_code(0).stderr;
+    let about = |process: &str, field: u64, what: &str| {
+        let lines = text.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+        lines
+            .filter(|l| l["process"] == process && l["field"] == field)
+            .any(|l| l["message"].to_string().contains(what))
+    };
+    assert!(about("tracker", field.field, "field refused"), "{text}");
+    assert!(about("fpga-model", 4711, "no camera of the rig"), "{text}");
+}
+
+fn header() -> FieldHeader {
+    FieldHeader {
+        field: 0,
+        exposed_ns: 1_000_000,
+        first_line_ns: 2_000_000,
+        line_period_ns: 64_000,
+        camera: 0,
+        parity: 0,
+        format: FORMAT_YCBCR_422,
+        width: 0,
+        height: 0,
+        lines: 0,
+    }
 }
 
 #[test]

@@ -11,6 +11,7 @@ mod doctor;
 mod dose;
 mod endure;
 mod faults;
+mod field_trace;
 mod film;
 mod hostile;
 mod instruments;

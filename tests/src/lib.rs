@@ -3,7 +3,8 @@
 pub mod endure;
 pub mod verified;
 
-use ipc::{BlockReceiver, Instance, Queue, Receiver, Sender, wait};
+use ipc::{BlockReceiver, BlockSender, Instance, Queue, Receiver, Sender, wait};
+use protocol::fields::FieldHeader;
 use protocol::frames::PictureHeader;
 use protocol::health::{Health, Process};
 use protocol::message::Message;
@@ -202,6 +203,11 @@ impl Observer {
     /// Opens the channel of small pictures, of which the newest wins.
     pub fn pictures(&self) -> BlockReceiver<PictureHeader> {
         self.instance.block_receiver().expect("channel")
+    }
+
+    /// Opens the sending side of the cameras' pixels, for fields of at most `bytes`.
+    pub fn fields(&self, bytes: usize) -> BlockSender<FieldHeader> {
+        self.instance.block_sender(bytes).expect("channel")
     }
 
     /// The heartbeats that have come since the last call; waits for some ms where there are none.

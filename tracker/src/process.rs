@@ -11,6 +11,7 @@ use crate::tracker::{Tracker, close, stamp};
 use anyhow::Context;
 use ipc::clock::now;
 use ipc::shell::{Served, Shell, Work};
+use ipc::trace::About;
 use ipc::{Queue, Receiver, Sender};
 use protocol::blobs::BlobField;
 use protocol::control::Command;
@@ -18,6 +19,7 @@ use protocol::health::{Process, STATE_DEGRADED};
 use protocol::limits::{FIELD_PERIOD_NS, MAX_FIELDS_USED};
 use protocol::matches::MatchFrame;
 use protocol::message::Message;
+use protocol::phases::Phase;
 use protocol::poses::{ClosedBy, TrackerFrame};
 use protocol::time::Nanos;
 use rig::Rig;
@@ -47,6 +49,8 @@ struct TrackerProcess {
     newest: VecDeque<BlobField>,
     /// Fields passed over after a sleep.
     passed_over: u64,
+    /// Field of the newest frame.
+    newest_field: u64,
 }
 
 impl TrackerProcess {
@@ -67,6 +71,7 @@ impl TrackerProcess {
             withheld: 0,
             newest: VecDeque::with_capacity(MAX_FIELDS_USED),
             passed_over: 0,
+            newest_field: 0,
         })
     }
 
@@ -74,10 +79,12 @@ impl TrackerProcess {
     fn receive_fields(&mut self) -> anyhow::Result<()> {
         while let Some(field) = self.blobs.next_valid()? {
             let at = now();
+            let about = About::camera(field.field, field.camera);
             // The assembler counts refusals; the count is published with every frame.
             if let Err(refusal) = self.assembler.push(&field, at) {
                 tracing::debug!(field = field.field, camera = field.camera, "field refused: {refusal}");
             }
+            self.shell.trace.end(Phase::Assemble, about, at);
             while let Some(closed) = self.assembler.complete(at) {
                 self.publish(&closed)?;
             }
@@ -90,14 +97,23 @@ impl TrackerProcess {
     }
 
     fn publish(&mut self, closed: &ClosedFrame) -> anyhow::Result<()> {
-        let mut frame = self.tracker.track(self.assembler.used(), &closed.reference);
+        self.newest_field = closed.reference.field;
+        let about = About::field(self.newest_field);
+        let begun = self.shell.trace.begin();
+        let (used, reference) = (self.assembler.used(), &closed.reference);
+        let mut frame = match self.shell.trace.laps(about) {
+            Some(mut laps) => self.tracker.track_in_phases(used, reference, &mut laps),
+            None => self.tracker.track(used, reference),
+        };
         close(&mut frame, closed.closed_by);
         frame.waited_ns = closed.waited_ns;
         stamp(&mut frame, self.assembler.used(), closed.taken_ns);
-        self.send(frame)
+        self.send(frame, about)?;
+        self.shell.trace.end(Phase::Track, about, begun);
+        Ok(())
     }
 
-    fn send(&mut self, mut frame: TrackerFrame) -> anyhow::Result<()> {
+    fn send(&mut self, mut frame: TrackerFrame, about: About) -> anyhow::Result<()> {
         let refused = self.assembler.refused().saturating_add(self.blobs.counts().refused as u32);
         frame.fields_refused = refused;
         self.shell.inject_delay();
@@ -110,15 +126,20 @@ impl TrackerProcess {
             self.shell.set_text(&format!("{} frames withheld", self.withheld));
             return Ok(());
         }
+        let begun = self.shell.trace.begin();
         self.poses.send(&frame)?;
         // After the poses, which somebody waits for.
         self.matches.send(self.tracker.matches())?;
-        self.saving.save_if_due(&self.tracker, &frame)
+        let begun = self.shell.trace.end(Phase::SendPoses, about, begun);
+        if self.saving.save_if_due(&self.tracker, &frame)? {
+            self.shell.trace.end(Phase::SaveTracker, about, begun);
+        }
+        Ok(())
     }
 
     /// Tells what is new, and updates the figures of the next heartbeat.
     fn report(&mut self) {
-        self.told.tell(&mut self.tracker);
+        self.told.tell(&mut self.tracker, self.newest_field);
         let (blobs, report) = (self.blobs.counts(), &mut self.shell.report);
         report.received = blobs.received;
         report.sent = self.poses.sent();

@@ -11,19 +11,19 @@ pub struct Report {
 
 impl Report {
     /// Logs what is new: a rig that has drifted by more than the corrections of every calibration, cameras
-    /// that were knocked, filters that began anew.
-    pub fn tell(&mut self, tracker: &mut Tracker) {
+    /// that were knocked, filters that began anew. `field`: of the newest frame.
+    pub fn tell(&mut self, tracker: &mut Tracker, field: u64) {
         let drift = tracker.drift().filter(|r| r.detected && r.is_large());
         if let Some(report) = drift.filter(|_| !self.drift) {
-            tracing::warn!("{report}");
+            tracing::warn!(field, "{report}");
             self.drift = true;
         }
         while let Some(notice) = tracker.take_notice() {
-            tracing::warn!("{notice}");
+            tracing::warn!(field, "{notice}");
         }
         let restarts = tracker.restarts();
         if restarts > self.restarts {
-            tracing::error!(restarts, "a filter or predictor was not finite and began anew");
+            tracing::error!(field, restarts, "a filter or predictor was not finite and began anew");
         }
         self.restarts = restarts;
     }

@@ -63,7 +63,7 @@ impl StreamTracker {
     fn track(&mut self, closed: &ClosedFrame, visit: &mut impl Visit) {
         let used = self.assembler.used();
         let frame = self.tracker.track(used, &closed.reference);
-        self.told.tell(&mut self.tracker);
+        self.told.tell(&mut self.tracker, frame.field);
         visit(frame, used, closed, self.tracker.matches());
     }
 }

@@ -22,6 +22,7 @@ use bytemuck::Zeroable;
 use protocol::blobs::BlobField;
 use protocol::limits::{BODIES, MAX_CAMERAS, MAX_FIELDS_USED};
 use protocol::matches::MatchFrame;
+use protocol::phases::{Phase, Phases, Unmarked};
 use protocol::poses::{BodyStatus, ClosedBy, EYE, FieldUsed, TrackerFrame};
 use protocol::time::Nanos;
 use rig::Rig;
@@ -170,34 +171,60 @@ impl Tracker {
     /// Consumes `used` in this order and returns the poses at the exposure `reference`. The process
     /// fills in the instants but `exposed`, the wait, and how the frame was closed.
     pub fn track(&mut self, used: &[BlobField], reference: &Reference) -> TrackerFrame {
+        self.track_in_phases(used, reference, &mut Unmarked)
+    }
+
+    /// As [`Tracker::track`]; the end of each phase is marked on `phases`, which changes no result.
+    pub fn track_in_phases(
+        &mut self,
+        used: &[BlobField],
+        reference: &Reference,
+        phases: &mut impl Phases,
+    ) -> TrackerFrame {
         let used = &used[..used.len().min(MAX_FIELDS_USED)];
         let mut frame = self.begin_frame(reference);
         let mut newest = None;
         for group in groups(used) {
-            match self.update(group, reference) {
+            match self.update(group, reference, phases) {
                 Some(update) => self.recycle(newest.replace(update)),
                 None => self.matches.note_unknown(group),
             }
             self.list_fields(group, &mut frame);
         }
         self.estimate_drift(newest);
+        phases.ended(Phase::Drift);
         self.predict(reference.exposed_ns);
-        self.publish(frame)
+        phases.ended(Phase::Predict);
+        let frame = self.publish(frame);
+        phases.ended(Phase::WritePoses);
+        frame
     }
 
     /// One update with the fields of one instant; `None` where none of them is of a camera of the
     /// rig.
-    fn update(&mut self, fields: &[BlobField], reference: &Reference) -> Option<Update> {
+    fn update(
+        &mut self,
+        fields: &[BlobField],
+        reference: &Reference,
+        phases: &mut impl Phases,
+    ) -> Option<Update> {
         let group = self.observe(fields, reference)?;
+        phases.ended(Phase::Observe);
         self.predict(group.time_ns);
         let prior = self.predictions();
+        phases.ended(Phase::Predict);
         let admitted = self.admit(group);
         let (group, association) = self.associate(admitted);
+        phases.ended(Phase::Associate);
         let estimate = self.estimate(group, association);
+        phases.ended(Phase::Fit);
         let accepted = self.filter(group, &estimate);
+        phases.ended(Phase::Filter);
         self.note_matches(fields, [admitted, group], &prior, &estimate, &accepted);
         self.watch_cameras(group);
+        phases.ended(Phase::WatchCameras);
         self.acquire(group);
+        phases.ended(Phase::Acquire);
         Some(Update { association: estimate.association, accepted })
     }
 

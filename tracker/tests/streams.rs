@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use protocol::blobs::BlobField;
 use protocol::geometry::Validity;
 use protocol::message::Message;
+use protocol::phases::{Phase, Phases};
 use protocol::poses::{EYE, TrackerFrame};
 use rig::Rig;
 use std::collections::HashMap;
@@ -176,6 +177,37 @@ fn the_fields_of_each_frame_repeat_a_run_to_the_bit() {
             Reference { camera: frame.camera, field: frame.field, exposed_ns: frame.instants.exposed };
         let again = tracker.track(used, &reference);
         assert!(bytemuck::bytes_of(&again) == bytemuck::bytes_of(frame), "frame {}", frame.frame);
+        compared += 1;
+    });
+    assert!(compared > 50, "{compared} frames were compared");
+}
+
+/// Keeps the phases as they end.
+#[derive(Default)]
+struct Ended(Vec<Phase>);
+
+impl Phases for Ended {
+    fn ended(&mut self, phase: Phase) {
+        self.0.push(phase);
+    }
+}
+
+#[test]
+fn phases_that_are_marked_come_in_their_order_and_change_nothing() {
+    use Phase::*;
+    let update = [Observe, Predict, Associate, Fit, Filter, WatchCameras, Acquire];
+    let stream = load("nominal");
+    let mut tracker = Tracker::new(&stream.rig);
+    let mut compared = 0;
+    track_stream(&stream.rig, &stream.fields, |frame, used| {
+        let reference =
+            Reference { camera: frame.camera, field: frame.field, exposed_ns: frame.instants.exposed };
+        let mut ended = Ended::default();
+        let again = tracker.track_in_phases(used, &reference, &mut ended);
+        assert!(bytemuck::bytes_of(&again) == bytemuck::bytes_of(frame), "frame {}", frame.frame);
+        // One update or more, as fields are of one instant or of several.
+        let updates = ended.0.strip_suffix(&[Drift, Predict, WritePoses]).expect("the end of a frame");
+        assert!(!updates.is_empty() && updates.chunks(update.len()).all(|u| u == update), "{updates:?}");
         compared += 1;
     });
     assert!(compared > 50, "{compared} frames were compared");

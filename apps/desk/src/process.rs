@@ -10,6 +10,7 @@ use anyhow::{Context, Result};
 use bytemuck::Zeroable;
 use ipc::clock::now;
 use ipc::shell::{Served, Shell, Work};
+use ipc::trace::About;
 use ipc::{Instance, Queue, Receiver, Sender};
 use protocol::control::Command;
 use protocol::handles::{HandleState, PedalState};
@@ -17,6 +18,7 @@ use protocol::health::{Process, STATE_FINISHED};
 use protocol::inputs::{Hint, Input, InputEvent, Origin};
 use protocol::limits::FIELD_PERIOD_NS;
 use protocol::message::text_bytes;
+use protocol::phases::Phase;
 use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
 use rig::Rig;
@@ -124,7 +126,8 @@ impl DeskShell {
 
     /// One field. Fields that were missed are simulated too, so that no movement is lost.
     fn field(&mut self) -> Result<()> {
-        let late = now().saturating_sub(self.next_ns) / FIELD_PERIOD_NS;
+        let at = now();
+        let late = at.saturating_sub(self.next_ns) / FIELD_PERIOD_NS;
         self.next_ns += late * FIELD_PERIOD_NS;
         for _ in 0..=late {
             self.read_own_inputs()?;
@@ -135,7 +138,11 @@ impl DeskShell {
         if !self.paused {
             self.field += late;
             self.shell.report.lost += late;
+            let about = About::field(self.field);
+            let read = self.shell.trace.end(Phase::ReadInputs, about, at);
             self.publish()?;
+            self.shell.trace.end(Phase::SendDesk, about, read);
+            self.shell.trace.end(Phase::Desk, about, at);
             self.field += 1;
         }
         self.next_ns += FIELD_PERIOD_NS;

@@ -1,7 +1,7 @@
 //! `vitreo play`: a person at a desk moves the instruments by mouse, keyboard or gamepad.
 
 use crate::machine::has_display;
-use crate::run::{self, MAX_RESTARTS, OutputArgs, RunArgs, TrainingArgs, TrialArgs, ViewArgs};
+use crate::run::{self, MAX_RESTARTS, OutputArgs, RunArgs, TraceOutArgs, TrainingArgs, TrialArgs, ViewArgs};
 use anyhow::bail;
 use clap::ArgGroup;
 use ipc::logging::inform;
@@ -50,6 +50,9 @@ pub struct PlayArgs {
     /// Write the figures of the run.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
+    /// Whether it is traced.
+    #[command(flatten)]
+    pub trace: TraceOutArgs,
     /// The rig; of it the trocars count.
     #[command(flatten)]
     pub rig: RigArgs,
@@ -117,6 +120,7 @@ impl PlayArgs {
             record: self.record.clone(),
             writing: self.writing.clone(),
             report: self.report.clone(),
+            trace: self.trace.clone(),
             force: self.force,
         };
         RunArgs {

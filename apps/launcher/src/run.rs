@@ -7,7 +7,7 @@
 //! - `supervisor`, `policy`, `standby`: starting, restarting, bounding restarts
 //! - `channel_tap`, `recorder`, `resume`: what is received, written, and kept for a restarted
 //!   simulation
-//! - `watch`: what should not stay silent
+//! - `watch`: what should not stay silent; `field_trace`: what each process did with which field
 //! - `likely_cause`: why the cameras' residuals are large, at the end
 //! - `latency_stats`, `load`, `report`: latencies against budgets; `monitor`, `screen`: the status
 
@@ -15,6 +15,7 @@ mod arguments;
 mod attempt_control;
 mod cameras;
 mod channel_tap;
+mod field_trace;
 mod handed_on;
 mod latency_stats;
 mod likely_cause;
@@ -33,6 +34,7 @@ mod supervisor;
 mod watch;
 
 pub use arguments::share;
+pub use field_trace::TraceOutArgs;
 pub use load::{Judged, Load, NO_LOAD};
 pub use options::{OutputArgs, RunArgs, TrainingArgs, TrialArgs, ViewArgs};
 pub use policy::MAX_RESTARTS;
@@ -54,7 +56,7 @@ use results::keeping::{BEGAN, SURGEON, keep, seconds_since_1970};
 use results::scored::live_text;
 use rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
-use session::{Attempt, Session};
+use session::{Attempt, Closed, Session};
 use settings::commands::processes::AUTO;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -91,10 +93,12 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
         Ok(why) => (*why).to_string(),
         Err(error) => format!("failure: {error:#}"),
     };
-    let (report, attempts) = session.close(ended_by).await;
+    let Closed { report, attempts, trace } = session.close(ended_by).await;
     // Whatever becomes of the report, the attempt is kept.
     let written =
         args.outputs.report.as_deref().map(|file| write_report(&report, &mut outputs, file)).transpose();
+    let trace_out = args.outputs.trace.trace_out.as_deref();
+    let traced = trace.zip(trace_out).map(|(trace, file)| field_trace::write(&trace, &mut outputs, file));
     let ran = report.duration_s > 0.0;
     if ran {
         print!("{}", report.text());
@@ -106,6 +110,7 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
         keep_all(args, trainee, &attempts)?;
     }
     written?;
+    traced.transpose().context("the trace is not written")?;
     Ok(ExitCode::from(verdict(&report, args, view)))
 }
 

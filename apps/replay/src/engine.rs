@@ -231,14 +231,15 @@ fn track_turn(
     let (tracker, told) = tracker.as_mut()?;
     go_on_over_a_gap(tracker, turn, frames);
     let made = track(tracker, turn);
-    told.tell(tracker);
+    told.tell(tracker, made.field);
     Some(made)
 }
 
 /// Gives the tracker what it knew before this frame, where a gap lies before it.
 fn go_on_over_a_gap(tracker: &mut Tracker, turn: &mut FrameTurn, frames: &mut Frames) {
     let Some(Err(problem)) = turn.known.as_ref().map(|known| tracker.restore(known)) else { return };
-    tracing::warn!("tracker frame {}: the checkpoint before it is of no use: {problem}", turn.recorded.frame);
+    let TrackerFrame { field, frame, .. } = *turn.recorded;
+    tracing::warn!(field, frame, "the tracker's checkpoint before this frame is of no use: {problem}");
     frames.go_on_undetermined(turn);
 }
 

@@ -17,6 +17,7 @@ use anyhow::{Context, Result, ensure};
 use controls::Controls;
 use ipc::clock::now;
 use ipc::shell::{Served, Shell, Work};
+use ipc::trace::About;
 use ipc::{Instance, Sender};
 use kept::{Keeper, Standing};
 use perception::PerceptionInput;
@@ -24,6 +25,7 @@ use playback::Playback;
 use protocol::blobs::BlobField;
 use protocol::control::Command;
 use protocol::health::{Process, STATE_FINISHED, STATE_RUNNING};
+use protocol::phases::Phase;
 use protocol::time::Nanos;
 use rig::Rig;
 use surgeon::ScriptedSurgeon;
@@ -144,6 +146,8 @@ impl VirtualRigShell {
     fn send(&mut self, field: &mut BlobField) -> Result<()> {
         field.blobs_out_ns = now();
         self.blobs.send(field)?;
+        let about = About::camera(field.field, field.camera);
+        self.shell.trace.end(Phase::SendBlobs, about, field.blobs_out_ns);
         self.shell.report.sent = self.blobs.sent() + self.controls.sent();
         Ok(())
     }

@@ -29,6 +29,7 @@ pub mod programs;
 mod segments;
 pub mod shell;
 pub mod signals;
+pub mod trace;
 mod wake;
 
 pub use block::{BlockReceiver, BlockSample, BlockSender};

@@ -8,6 +8,7 @@ pub use run::{Served, Work, run};
 use crate::awake::Awake;
 use crate::clock::{now, sleep_until};
 use crate::logging::LogArgs;
+use crate::trace::{Trace, TraceArgs};
 use crate::{Instance, IpcError, MAX_SOURCES, Queue, Receiver, Sender, Wakes, wait};
 use protocol::control::{Answer, Command, Request};
 use protocol::health::{Health, Process, STATE_STARTING};
@@ -36,6 +37,9 @@ pub struct ShellArgs {
     /// Logging.
     #[command(flatten)]
     pub log: LogArgs,
+    /// Whether it takes part in a trace.
+    #[command(flatten)]
+    pub trace: TraceArgs,
 }
 
 /// A running process's ties to the launcher.
@@ -52,6 +56,8 @@ pub struct Shell {
     served: bool,
     /// The next heartbeat; the process keeps it up to date.
     pub report: Health,
+    /// What the process did with which field, where that is traced.
+    pub trace: Trace,
 }
 
 impl Shell {
@@ -89,6 +95,7 @@ impl Shell {
             awake: Awake::default(),
             served: false,
             report,
+            trace: Trace::start(process, args.trace, instance.directory()),
         };
         Ok((instance, shell))
     }

@@ -50,7 +50,11 @@ impl SimcoreShell {
         let resumed = past.replay(world).with_context(|| format!("--resume {}", file.display()))?;
         if !resumed.agrees || resumed.missing > 0 {
             let ResumeOutcome { steps, missing, agrees } = resumed;
-            tracing::warn!("resumed with {steps} steps; missing: {missing}; state as recorded: {agrees}");
+            let field = world.state().field;
+            tracing::warn!(
+                field,
+                "resumed with {steps} steps; missing: {missing}; state as recorded: {agrees}"
+            );
         }
         self.inherit(past)?;
         self.writer.forget();

@@ -60,16 +60,17 @@ impl Saving {
     }
 
     /// Sends a checkpoint after the first step, after the frames after which the tracker does, and before it
-    /// would take long to make the steps since the last one again. `step` is when this one began and ended.
+    /// would take long to make the steps since the last one again. `step` is when this one began and ended. True
+    /// where it sent one.
     pub(super) fn save_if_due(
         &mut self,
         world: &World,
         state_hash: u64,
         step: [Nanos; 2],
-    ) -> anyhow::Result<()> {
+    ) -> anyhow::Result<bool> {
         let state = world.state();
         if !self.due.after_step(state.exposed_ns, step) {
-            return Ok(());
+            return Ok(false);
         }
         let header = |bytes| CheckpointHeader {
             step: state.step,
@@ -79,7 +80,8 @@ impl Saving {
             state_hash,
             bytes,
         };
-        self.checkpoints.send(|saved| world.save(saved).context("checkpoint"), header)
+        self.checkpoints.send(|saved| world.save(saved).context("checkpoint"), header)?;
+        Ok(true)
     }
 }
 

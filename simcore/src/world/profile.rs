@@ -1,26 +1,28 @@
 //! One timer a phase of the step.
 
+use protocol::phases::{Phase, PhaseClock};
 use protocol::steps::StepProfile;
 
 /// Adds up the time between laps, by phase.
-pub(super) struct StepTimer<'a> {
-    clock: &'a mut dyn FnMut() -> u64,
+pub(super) struct StepTimer<'a, C> {
+    clock: &'a mut C,
     /// When the last lap ended, ns.
     lap_ns: u64,
     profile: StepProfile,
 }
 
-impl<'a> StepTimer<'a> {
-    /// Starts the first lap. `clock` gives nanoseconds.
-    pub fn start(clock: &'a mut dyn FnMut() -> u64) -> Self {
-        let lap_ns = clock();
+impl<'a, C: PhaseClock> StepTimer<'a, C> {
+    /// Starts the first lap. `clock` gives nanoseconds, and takes note of the laps if it wants to.
+    pub fn start(clock: &'a mut C) -> Self {
+        let lap_ns = clock.read();
         StepTimer { clock, lap_ns, profile: StepProfile::default() }
     }
 
     /// Ends a lap: its time is added to a phase.
-    pub fn lap(&mut self, phase: impl FnOnce(&mut StepProfile) -> &mut u64) {
-        let now = (self.clock)();
-        *phase(&mut self.profile) += now.saturating_sub(self.lap_ns);
+    pub fn lap(&mut self, phase: Phase) {
+        let now = self.clock.read();
+        *self.profile.time_of(phase) += now.saturating_sub(self.lap_ns);
+        self.clock.lap(phase, [self.lap_ns, now]);
         self.lap_ns = now;
     }
 

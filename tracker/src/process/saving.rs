@@ -32,14 +32,16 @@ impl Saving {
         self.times = CheckpointTimes::default();
     }
 
-    /// Sends a checkpoint where one is due after `frame`, which has been sent: nobody waits for it.
-    pub(super) fn save_if_due(&mut self, tracker: &Tracker, frame: &TrackerFrame) -> anyhow::Result<()> {
+    /// Sends a checkpoint where one is due after `frame`, which has been sent: nobody waits for it. True where
+    /// one was.
+    pub(super) fn save_if_due(&mut self, tracker: &Tracker, frame: &TrackerFrame) -> anyhow::Result<bool> {
         let exposed_ns = frame.instants.exposed;
         if !self.times.after_frame(exposed_ns) {
-            return Ok(());
+            return Ok(false);
         }
         let header =
             |bytes| TrackerCheckpointHeader { frame: frame.frame, field: frame.field, exposed_ns, bytes };
-        self.checkpoints.send(|saved| tracker.save(saved).context("checkpoint"), header)
+        self.checkpoints.send(|saved| tracker.save(saved).context("checkpoint"), header)?;
+        Ok(true)
     }
 }

@@ -30,6 +30,8 @@ impl RunArgs {
             self.scene.hand_on(&mut args);
         }
         args.value("--inject-delay-ms", self.delayed_stage(process).and_then(|stage| self.delay_ms(stage)));
+        // Other programs for real cameras know nothing of traces.
+        args.value("--trace-spans", self.outputs.trace.spans().filter(|_| !real));
         match process {
             Process::VirtualRig if real => {}
             Process::VirtualRig => self.to_virtual_rig(&mut args, remaining_s, restarts),

@@ -2,6 +2,7 @@
 
 use super::arguments::{injected_delay, percentile, positive, share};
 use super::cameras::check_program;
+use super::field_trace::TraceOutArgs;
 use super::policy::MAX_RESTARTS;
 use super::recorder;
 use crate::modules::Composed;
@@ -129,6 +130,9 @@ pub struct OutputArgs {
     /// Write the figures of the run.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
+    /// Whether it is traced.
+    #[command(flatten)]
+    pub trace: TraceOutArgs,
     /// Whether files that exist are written over.
     #[command(flatten)]
     pub force: Force,
@@ -330,9 +334,9 @@ impl RunArgs {
         self.real.cameras.as_deref().map_or(Ok(()), check_program)?;
         picture.instruments.as_deref().map_or(Ok(()), |folder| check_folder("--instruments", folder))?;
         let mut outputs = Outputs::new(self.outputs.force.force).reading_all(self.inputs());
-        let OutputArgs { record, writing, report, .. } = &self.outputs;
+        let OutputArgs { record, writing, report, trace, .. } = &self.outputs;
         record.as_deref().map_or(Ok(()), |name| recorder::files::claim(name, writing, &mut outputs))?;
-        for file in [report, &picture.video, &cameras.fault_log].into_iter().flatten() {
+        for file in [report, &trace.trace_out, &picture.video, &cameras.fault_log].into_iter().flatten() {
             outputs.claim(file)?;
         }
         picture.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder, STILLS))?;

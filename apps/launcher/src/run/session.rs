@@ -7,6 +7,7 @@ mod status;
 
 use super::attempt_control::AttemptControl;
 use super::channel_tap::ChannelTap;
+use super::field_trace::Traced;
 use super::latency_stats::{LatencyStats, WARM_UP_NS};
 use super::load::LoadAccount;
 use super::monitor::Monitor;
@@ -22,6 +23,7 @@ use super::supervisor::{ProcessEvent, Supervisor};
 use crate::modules::Composed;
 use crate::runtime::StopSignal;
 use anyhow::bail;
+pub use closing::Closed;
 use diagnosis::{Tracking, Watch};
 use ipc::clock::now;
 use ipc::{Instance, Sender};
@@ -87,6 +89,7 @@ pub struct Session<'a> {
     watched_ns: Nanos,
     own_cpu: CpuAccount,
     load: LoadAccount,
+    traced: Traced,
     // Last, so that the directory goes after the channels.
     instance: Instance,
 }
@@ -218,6 +221,7 @@ impl<'a> Session<'a> {
             watched_ns: 0,
             own_cpu: CpuAccount::default(),
             load: LoadAccount::default(),
+            traced: Traced::default(),
             instance,
         })
     }
@@ -321,6 +325,7 @@ impl<'a> Session<'a> {
         })?;
         let mut events = Vec::new();
         while let Some(beat) = self.tap.health.next_valid()? {
+            self.traced.note(&beat, at);
             events.extend(self.supervisor.note(&beat, at));
         }
         self.receive_requests()?;

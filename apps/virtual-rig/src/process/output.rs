@@ -7,6 +7,7 @@ use ipc::outbox::Outbox;
 use ipc::{BlockSender, Instance};
 use protocol::blobs::BlobField;
 use protocol::fields::FieldHeader;
+use protocol::phases::Phase;
 use protocol::time::Nanos;
 
 /// Where the fields go.
@@ -49,6 +50,11 @@ impl Output {
             header
         })?;
         Ok(true)
+    }
+
+    /// What [`Output::put`] does in a trace.
+    pub(super) fn phase(&self) -> Phase {
+        if self.fields.is_some() { Phase::Paint } else { Phase::MakeBlobs }
     }
 
     /// Fields of pixels sent so far.

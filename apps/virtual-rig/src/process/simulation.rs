@@ -18,8 +18,10 @@ use crate::schedule::{Action, Schedule};
 use anyhow::{Context, Result};
 use ipc::clock::now;
 use ipc::logging::message;
+use ipc::trace::About;
 use outputs::OutputError;
 use protocol::health::{STATE_DEGRADED, STATE_RUNNING};
+use protocol::phases::Phase;
 use rig::Rig;
 
 /// Consecutive fields in time after which the machine counts as fast enough again.
@@ -151,14 +153,18 @@ impl VirtualRigShell {
         let late_ns = late.filter(|l| l.camera == id).map_or(0, |l| l.delay_ns) + delivery.delay_ns;
         let due_ns =
             cameras.clock(i).exposed_ns(number) + cameras.out_after_ns(i) + late_ns + self.shell.delay_ns();
+        let (about, begun) = (About::camera(number, id), self.shell.trace.begin());
         let mut exposure = cameras.expose(i, &mut self.surgeon.motion, number);
+        let exposed = self.shell.trace.end(Phase::Expose, about, begun);
         if delivery.dropped {
             return Ok(due_ns);
         }
         let timing = FieldTiming { start_ns: self.timeline.start(), late_ns, due_ns };
         if !output.put(&mut exposure, &timing)? {
+            tracing::debug!(field = number, camera = id, "no room for the blobs of a field");
             self.shell.report.lost += 1;
         }
+        self.shell.trace.end(output.phase(), about, exposed);
         self.shell.report.sent = self.blobs.sent() + self.controls.sent() + output.sent();
         Ok(due_ns)
     }
@@ -183,6 +189,9 @@ impl VirtualRigShell {
     fn count_missed(&mut self, simulation: &mut Simulation, missed: u64, group: usize) -> Result<()> {
         let state = self.shell.report.state;
         if missed > 0 {
+            // The first of them.
+            let field = simulation.schedule.0[group].next - missed;
+            tracing::debug!(field, fields = missed, "the machine is too slow: fields are left out");
             self.shell.report.lost += missed * simulation.schedule.0[group].cameras.len() as u64;
             simulation.in_time = 0;
             if state == STATE_RUNNING {

@@ -7,8 +7,13 @@ use calibration::grey_image::GreyImage;
 use fpga_model::input::Picture;
 use fpga_model::input::still;
 use fpga_model::input::y4m::Clip;
+use ipc::trace::json::FieldTrace;
+use ipc::trace::part::TracePart;
+use ipc::trace::{About, Trace, TraceArgs};
 use protocol::blobs::BlobField;
+use protocol::health::Process;
 use protocol::journal;
+use protocol::phases::Phase;
 use recording::Recording;
 use renderer::tools::TOOLS;
 use results::Store;
@@ -19,6 +24,7 @@ use simcore::world::World;
 use std::cell::RefCell;
 use std::hint::black_box;
 use std::io::Cursor;
+use std::path::Path;
 use std::time::Duration;
 use tracker::assembler::FrameAssembler;
 use tracker::tracker::Tracker;
@@ -41,6 +47,7 @@ pub fn targets() -> Vec<Target> {
         target("still", still_picture, corpus::pictures, 16 << 10),
         target("clip-y4m", clip, clips, 4 << 10),
         target("results-store", store, corpus::stores, 128 << 10),
+        target("trace-part", trace_part, trace_parts, 8 << 10),
     ]
 }
 
@@ -182,4 +189,29 @@ fn store(bytes: &[u8]) {
             drop(black_box(store.trainees()));
         }
     });
+}
+
+fn trace_parts() -> Vec<Vec<u8>> {
+    let part = |process: Process| {
+        let args = TraceArgs { trace_spans: Some(30) };
+        let mut trace = Trace::start(process, args, Path::new("/nowhere"));
+        for (i, &phase) in (0..).zip(Phase::ALL.iter().filter(|p| p.process() == process)) {
+            (0..3).for_each(|field| trace.note(phase, About::field(field), [field * 900 + i, field * 1000]));
+        }
+        trace.part().expect("it traces").to_bytes()
+    };
+    Process::ALL.into_iter().map(part).collect()
+}
+
+/// What is taken for a part can be written as a trace, which is JSON with a slice for each known span.
+fn trace_part(bytes: &[u8]) {
+    let Ok(part) = TracePart::parse(bytes) else { return };
+    assert_eq!(TracePart::parse(&part.to_bytes()).expect("it was whole"), part);
+    let trace = FieldTrace { parts: vec![part], seconds: 1.0, ..FieldTrace::default() };
+    let mut json = Vec::new();
+    let figures = trace.write(&mut json).expect("memory takes everything");
+    let json: serde_json::Value = serde_json::from_slice(&json).expect("valid JSON");
+    let slices =
+        json["traceEvents"].as_array().map_or(0, |events| events.iter().filter(|e| e["ph"] == "X").count());
+    assert_eq!(slices, figures.spans);
 }

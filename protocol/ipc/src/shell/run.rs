@@ -73,11 +73,17 @@ impl Served {
 }
 
 /// Runs a process that is ready: tells that it is at work, then takes turns until a request, a signal
-/// or the process itself ([`Shell::stop`]) stops it.
+/// or the process itself ([`Shell::stop`]) stops it; then leaves its part of the trace.
 ///
 /// # Errors
 /// Where a channel fails, or the work.
 pub fn run<E: From<IpcError>>(work: &mut impl Work<E>) -> Result<(), E> {
+    let ended = take_turns(work);
+    work.shell().trace.leave();
+    ended
+}
+
+fn take_turns<E: From<IpcError>>(work: &mut impl Work<E>) -> Result<(), E> {
     let shell = work.shell();
     shell.report.state = STATE_RUNNING;
     shell.beat_now(now())?;
@@ -118,6 +124,7 @@ mod tests {
     use crate::clock::sleep_until;
     use crate::logging::LogArgs;
     use crate::shell::ShellArgs;
+    use crate::trace::TraceArgs;
     use crate::{Instance, Queue, Receiver, Sender};
     use protocol::control::{Answer, EVERY_PROCESS, Request};
     use protocol::health::{Health, Process};
@@ -155,8 +162,8 @@ mod tests {
         fn new(test: &str, work: fn(&mut Fake) -> Result<(), Failure>) -> Fake {
             let name = format!("r{}-{test}", std::process::id() % 1_000_000);
             let instance = Instance::own(&name).unwrap();
-            let log = LogArgs::default();
-            let args = ShellArgs { instance: name, supervised: false, inject_delay_ms: 0.0, log };
+            let (log, trace) = (LogArgs::default(), TraceArgs { trace_spans: Some(100) });
+            let args = ShellArgs { instance: name, supervised: false, inject_delay_ms: 0.0, log, trace };
             let (_, shell) = Shell::start(Process::Tracker, &args).unwrap();
             Fake {
                 shell,

@@ -152,3 +152,20 @@ fn the_percentile_of_the_command_line_wins() {
     assert_eq!(parse(&["--percentile", "95"]).unwrap().budget_table().unwrap().percentile, 95.0);
     assert_eq!(parse(&[]).unwrap().budget_table().unwrap(), Budgets::default());
 }
+
+#[test]
+fn every_process_of_ours_is_traced_and_no_foreign_one() {
+    let given = |words: &[&str], process| {
+        let args = parse(words).unwrap().arguments_of(process, View::Headless, None, 0);
+        let at = args.iter().position(|arg| arg == "--trace-spans");
+        at.map(|at| args[at + 1].parse::<u32>().unwrap() / ipc::trace::SPANS_PER_SECOND)
+    };
+    for process in Process::ALL {
+        assert_eq!(given(&[], process), None);
+        assert_eq!(given(&["--trace-out", "t.json"], process), Some(30));
+        assert_eq!(given(&["--trace-out", "t.json", "--trace-seconds", "600"], process), Some(600));
+    }
+    let real = ["--trace-out", "t.json", "--cameras", "driver", "--rig", "r.json"];
+    assert_eq!(given(&real, Process::VirtualRig), None);
+    assert_eq!(given(&real, Process::Tracker), Some(30));
+}

@@ -11,6 +11,7 @@ use crate::run::report::{
 use crate::run::supervisor::Slot;
 use bytemuck::Zeroable;
 use ipc::clock::now;
+use ipc::trace::json::FieldTrace;
 use protocol::blobs::BlobField;
 use protocol::health::{Health, Process};
 use protocol::message::Message;
@@ -19,9 +20,19 @@ use recording::Provenance;
 use settings::commands::processes::AUTO;
 use std::collections::BTreeMap;
 
+/// What is left of a run.
+pub struct Closed {
+    /// Its figures.
+    pub report: Report,
+    /// Its attempts.
+    pub attempts: Vec<Attempt>,
+    /// What its processes did, if that was wanted.
+    pub trace: Option<FieldTrace>,
+}
+
 impl Session<'_> {
     /// Ends the processes and the recording, and sums up.
-    pub async fn close(mut self, ended_by: String) -> (Report, Vec<Attempt>) {
+    pub async fn close(mut self, ended_by: String) -> Closed {
         let at = now();
         self.note_own_cpu(at);
         let load = self.load.load(self.own_cores());
@@ -70,7 +81,10 @@ impl Session<'_> {
             removed: self.consumers.monitor.removed,
             recording,
         };
-        (report, self.attempts)
+        let foreign_rig = self.args.real.cameras.is_some();
+        let (options, directory) = (&self.args.outputs.trace, self.instance.directory());
+        let trace = self.traced.collect(options, directory, self.started_ns, foreign_rig);
+        Closed { report, attempts: self.attempts, trace }
     }
 
     /// Processors that all processes of the run together took on the average.
