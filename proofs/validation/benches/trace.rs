@@ -59,20 +59,20 @@ fn recorded(trace: &Trace) -> u64 {
 }
 
 fn measure<S: Subject>(inputs: usize, make: impl Fn() -> S) -> Times {
-    let mut least = [vec![u64::MAX; inputs], vec![u64::MAX; inputs]];
+    let mut least = vec![[u64::MAX; 2]; inputs];
     let mut spans = 0;
     for run in 0..RUNS {
         let mut pair = [make(), make()];
-        for i in 0..inputs {
+        for (i, least) in least.iter_mut().enumerate() {
             for which in [run + i, run + i + 1].map(|n| n % 2) {
                 let begun = now();
                 pair[which].turn(i, which == 1);
-                least[which][i] = least[which][i].min(now() - begun);
+                least[which] = least[which].min(now() - begun);
             }
         }
         spans = pair[1].spans();
     }
-    let [off, on] = least.map(|times| times[START..].to_vec());
+    let [off, on] = [0, 1].map(|which| least[START..].iter().map(|times| times[which]).collect());
     Times { off, on, spans_a_turn: spans as f64 / inputs as f64 }
 }
 

@@ -49,7 +49,7 @@ fn what_is_left_is_taken_once_and_nothing_remains() {
     trace.leave();
     std::fs::write(folder.path().join("simcore-1.trace"), "half of a head").unwrap();
     std::fs::write(folder.path().join("tracker.log"), "not of the trace").unwrap();
-    assert_eq!(take_all(folder.path()).unwrap(), [kept.clone()]);
+    assert_eq!(take_all(folder.path()).unwrap(), std::slice::from_ref(&kept));
     let fields: Vec<u64> = kept.spans.iter().map(|span| span.field).collect();
     assert_eq!((fields, kept.recorded, kept.is_wrapped()), (vec![2, 3, 4], 5, true));
     assert_eq!(take_all(folder.path()).unwrap(), []);
