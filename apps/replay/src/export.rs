@@ -10,13 +10,13 @@ use blob_stream::write_line;
 use bytemuck::pod_read_unaligned;
 use ipc::logging::warn;
 use outputs::progress::bytes_bar;
-use outputs::{OutputFile, STDOUT, csv_cell};
+use outputs::{OutputFile, STDOUT, no_formula};
 use protocol::matches::MatchFrame;
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
 use protocol::wire::{Kind, Layout, Role};
-use recording::{Item, Provenance, Recording};
+use recording::{Item, Note, Provenance, Recording};
 use settings::commands::{ExportArgs, What};
 use std::io::Write;
 use std::path::Path;
@@ -175,19 +175,23 @@ fn rows(item: &Item) -> Vec<String> {
 /// The cells of an item's row after the log time; one with several rows has cells of its own numbers alone.
 pub fn row(item: &Item) -> String {
     if let Item::Note(note) = item {
-        let process = note.process.map_or("", |p| p.name());
-        return format!(
-            "{},{:?},{process},{},{}",
-            note.instant_ns,
-            note.kind,
-            note.count,
-            csv_cell(&note.text)
-        );
+        return row_of_note(note);
     }
     let Some(block) = item.block() else { return String::new() };
     let mut out = Vec::new();
     cells(block.layout, block.bytes, &mut out);
     out.join(",")
+}
+
+/// The cells of a note, of which one is text.
+fn row_of_note(note: &Note) -> String {
+    let process = note.process.map_or("", |p| p.name());
+    let [instant, count] = [note.instant_ns, note.count].map(|n| n.to_string());
+    let cells = [&instant, &format!("{:?}", note.kind), process, &count, &no_formula(&note.text)];
+    let mut row = csv::WriterBuilder::new().terminator(csv::Terminator::Any(b'\n')).from_writer(Vec::new());
+    row.write_record(cells).expect("memory takes it");
+    let row = row.into_inner().expect("memory takes it");
+    String::from_utf8(row).expect("of texts").trim_end_matches('\n').to_owned()
 }
 
 /// Appends the cells of a block, in the order of [`columns`].

@@ -120,15 +120,6 @@ pub fn no_formula(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// A text as a cell of comma-separated values after RFC 4180, and no formula.
-pub fn csv_cell(text: &str) -> Cow<'_, str> {
-    let guarded = no_formula(text);
-    match guarded.contains([',', '"', '\n', '\r']) {
-        true => Cow::Owned(format!("\"{}\"", guarded.replace('"', "\"\""))),
-        false => guarded,
-    }
-}
-
 /// The first of `file`, `file-2`, `file-3` … from the `number`th on (0 is the name itself) that
 /// does not exist; with `force` the `number`th itself.
 pub fn numbered(file: &Path, number: u32, force: bool) -> PathBuf {
@@ -162,15 +153,13 @@ mod tests {
     }
 
     #[test]
-    fn cells_are_quoted_and_no_formulas() {
-        let cells = [("plain", "plain"), ("a \"b\"", "\"a \"\"b\"\"\""), ("a,b\nc", "\"a,b\nc\""), ("", "")];
-        for (text, cell) in cells {
-            assert_eq!(csv_cell(text), cell);
+    fn no_text_becomes_a_formula() {
+        for text in ["plain", "a \"b\"", "", "1=1"] {
+            assert_eq!(no_formula(text), text);
         }
-        for formula in ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1"] {
-            assert_eq!(csv_cell(formula), format!("'{formula}"));
+        for formula in ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1", "\r=1"] {
+            assert_eq!(no_formula(formula), format!("'{formula}"));
         }
-        assert_eq!(csv_cell("=HYPERLINK(\"x\",1)"), "\"'=HYPERLINK(\"\"x\"\",1)\"");
     }
 
     #[test]
