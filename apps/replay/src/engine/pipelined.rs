@@ -1,4 +1,6 @@
-//! A recorded run to its end, on two cores: one thread reads and tracks ahead, the other does the steps.
+//! A recorded run to its end, on several cores: one thread reads ahead, one tracks, one does the steps. Where there
+//! are two cores, the system shares them out as the work is: some recordings cost more to track, others more to
+//! step.
 //!
 //! A step consumes the recorded poses, not those that the tracker makes now, so that neither waits for the
 //! other's results. What comes of the run comes in the order of [`Recorded::run`], with the same bits.
@@ -57,9 +59,8 @@ struct Turn {
 /// What was read, and the frames whose turn came with it.
 type Ahead = (Read, Vec<Turn>);
 
-/// The thread that reads and tracks.
-struct Reader {
-    items: Items,
+/// The thread that tracks.
+struct Tracking {
     tracker: Option<(Tracker, Report)>,
     frames: Frames,
     begins_with: Option<(TrackerCheckpointHeader, SavedState)>,
@@ -87,49 +88,61 @@ impl Recorded {
         let Recorded { items, tracker, frames, begins_with, steps, damage, made } = self;
         let due = frames.due.clone();
         let (give_back, visited) = channel();
-        let reader = Reader { items, tracker, frames, begins_with, visited };
+        let tracking = Tracking { tracker, frames, begins_with, visited };
         let mut ended = Ended { stopped: false, due, frames_lost: None, steps, damage };
         thread::scope(|scope| {
-            let (send, receive) = sync_channel(BATCHES);
-            let ahead = scope.spawn(move || reader.read_ahead(&send));
-            let stopped = ended.follow(&receive, &give_back, made, visit);
-            // Else the other thread would wait for room.
-            drop(receive);
-            ended.frames_lost = ahead.join().unwrap_or_else(|panic| resume_unwind(panic));
+            let (send_read, read) = sync_channel(BATCHES);
+            let (send_tracked, tracked) = sync_channel(BATCHES);
+            let reader = scope.spawn(move || read_ahead(items, &send_read));
+            let tracker = scope.spawn(move || tracking.track_ahead(&read, &send_tracked));
+            let stopped = ended.follow(&tracked, &give_back, made, visit);
+            // Else the other threads would wait for room.
+            drop(tracked);
+            ended.frames_lost = tracker.join().unwrap_or_else(|panic| resume_unwind(panic));
+            reader.join().unwrap_or_else(|panic| resume_unwind(panic));
             ended.stopped = stopped?;
             Ok(ended)
         })
     }
 }
 
-impl Reader {
-    /// Reads and tracks until the end, or until nobody follows; what is missing behind the last frame.
-    fn read_ahead(mut self, send: &SyncSender<Vec<Ahead>>) -> Option<String> {
-        loop {
-            let mut batch = Vec::with_capacity(BATCH);
-            let mut at_end = false;
-            while batch.len() < BATCH && !at_end {
-                let read: Read = self.items.next().map(|read| read.map_err(Arc::new));
+/// Reads until the end, or until nobody follows.
+fn read_ahead(mut items: Items, send: &SyncSender<Vec<Read>>) {
+    let mut at_end = false;
+    while !at_end {
+        let mut batch = Vec::with_capacity(BATCH);
+        while batch.len() < BATCH && !at_end {
+            let read = items.next().map(|read| read.map_err(Arc::new));
+            at_end = read.is_none();
+            batch.push(read);
+        }
+        at_end |= send.send(batch).is_err();
+    }
+}
+
+impl Tracking {
+    /// Tracks until the end, or until nobody follows; what is missing behind the last frame.
+    fn track_ahead(mut self, receive: &Receiver<Vec<Read>>, send: &SyncSender<Vec<Ahead>>) -> Option<String> {
+        for batch in receive {
+            let ahead = batch.into_iter().map(|read| {
                 match &read {
                     Some(Ok((at, item))) => self.frames.note(*at, item),
                     Some(Err(error)) => self.frames.note_damage(error),
-                    None => {
-                        self.frames.end();
-                        at_end = true;
-                    }
+                    None => self.frames.end(),
                 }
                 let turns = std::iter::from_fn(|| self.next_turn()).collect();
-                batch.push((read, turns));
-            }
-            if send.send(batch).is_err() || at_end {
-                return self.frames.lost;
+                (read, turns)
+            });
+            if send.send(ahead.collect()).is_err() {
+                break;
             }
         }
+        self.frames.lost
     }
 
     /// The next frame whose turn has come, and what the tracker makes of it.
     fn next_turn(&mut self) -> Option<Turn> {
-        let Reader { tracker, frames, begins_with, visited, .. } = self;
+        let Tracking { tracker, frames, begins_with, visited } = self;
         let mut turn = frames.next_turn()?;
         let own = tracker.as_mut().map(|(tracker, _)| tracker);
         let before_beginning = is_before_beginning(begins_with, own, frames, &turn);
