@@ -7,8 +7,11 @@ use protocol::poses::{BODY_NAMES, EYE};
 use rig::Rig;
 use rig::camera::Camera;
 
-/// Least distance of two cameras, mm; below it depth is not observable.
-const SHORTEST_BASE_MM: f64 = 1.0;
+/// Least angle between the views of the two cameras that are farthest apart, seen from the eye, degrees; below it
+/// depth is not observable. Rotations that are all transposed bring all cameras to one place.
+const LEAST_ANGLE_DEGREES: f64 = 10.0;
+/// A body whose markers all lie nearer to its origin is in metres, mm.
+const IN_METRES_MM: f64 = 0.5;
 /// Least lever of the roll, mm: at 0.05 px of noise and 19 px/mm the roll has a standard deviation
 /// of 30 mrad.
 const SHORTEST_ROLL_LEVER_MM: f64 = 0.1;
@@ -28,9 +31,34 @@ pub enum RigDefect {
         /// Radius of the workspace.
         radius_mm: f64,
     },
-    /// All cameras have the same centre.
-    #[error("no two cameras are more than {SHORTEST_BASE_MM} mm apart: depth cannot be told")]
-    OnePlace,
+    /// A camera is where only tips are.
+    #[error(
+        "camera {camera} is {distance_mm:.2} mm from the eye's centre, inside of the workspace of tips: t is in mm, and \
+         leads from the world to the camera"
+    )]
+    CameraInside {
+        /// Camera id.
+        camera: u32,
+        /// From the eye's centre.
+        distance_mm: f64,
+    },
+    /// All cameras look from the same side.
+    #[error(
+        "all cameras look from the same side, within {degrees:.1} degrees: depth is not seen. R is the rotation from \
+         the world to the camera, by rows"
+    )]
+    OneView {
+        /// Between the two that are farthest apart.
+        degrees: f64,
+    },
+    /// The markers of a body are in metres.
+    #[error("all markers of {body} are within {reach_mm} mm of its origin: positions are in mm")]
+    InMetres {
+        /// Name of the body.
+        body: &'static str,
+        /// Largest coordinate.
+        reach_mm: f64,
+    },
     /// The markers of a body are collinear.
     #[error(
         "the markers of {body} lie in a line (within {lever_mm:.3} mm): its turn about that line, the roll, is free; \
@@ -98,13 +126,21 @@ fn check_cameras(rig: &Rig, model: &RigModel) -> Result<(), RigDefect> {
     let radius_mm = rig.workspace.tip_radius;
     let cameras = || model.cameras.iter().flatten();
     for camera in cameras() {
+        let distance_mm = camera.centre_in_world().coords.norm();
+        if distance_mm <= radius_mm {
+            return Err(RigDefect::CameraInside { camera: camera.id, distance_mm });
+        }
         if !sees_workspace(camera, radius_mm) {
             return Err(RigDefect::Blind { camera: camera.id, radius_mm });
         }
     }
-    let apart = |a: &Camera, b: &Camera| (a.centre_in_world() - b.centre_in_world()).norm();
-    let based = cameras().any(|a| cameras().any(|b| apart(a, b) > SHORTEST_BASE_MM));
-    if based { Ok(()) } else { Err(RigDefect::OnePlace) }
+    let degrees = |a: &Camera, b: &Camera| {
+        let [a, b] = [a, b].map(|camera| camera.centre_in_world().coords);
+        let cosine = a.dot(&b) / (a.norm() * b.norm());
+        libm::acos(cosine.clamp(-1.0, 1.0)).to_degrees()
+    };
+    let widest = cameras().flat_map(|a| cameras().map(move |b| degrees(a, b))).fold(0.0, f64::max);
+    if widest >= LEAST_ANGLE_DEGREES { Ok(()) } else { Err(RigDefect::OneView { degrees: widest }) }
 }
 
 /// True if any point of a grid through the workspace is in the frame.
@@ -124,6 +160,10 @@ fn check_markers(rig: &Rig, model: &RigModel, body: usize) -> Result<(), RigDefe
     let ids: Vec<u32> = rig.body(name).map(|b| b.markers.iter().map(|m| m.id).collect()).unwrap_or_default();
     if let Some((_, id)) = ids.iter().enumerate().find(|(i, id)| ids[..*i].contains(id)) {
         return Err(RigDefect::MarkerTwice { body: name, id: *id });
+    }
+    let reach_mm = markers.iter().map(|m| m.position.coords.amax()).fold(0.0, f64::max);
+    if reach_mm < IN_METRES_MM {
+        return Err(RigDefect::InMetres { body: name, reach_mm });
     }
     for (second, m) in markers.iter().enumerate() {
         let same = |o: &Marker| (o.position - m.position).norm() < CLOSEST_MARKERS_MM;
@@ -191,7 +231,19 @@ mod tests {
                 (rig.cameras[i].rotation, rig.cameras[i].t) = (rig.cameras[0].rotation, rig.cameras[0].t);
             }
         });
-        assert!(together.contains("no two cameras"), "{together}");
+        assert!(together.contains("from the same side, within 0.0 degrees"), "{together}");
+        let transposed = broken(|rig| {
+            for camera in &mut rig.cameras {
+                let rows = camera.rotation;
+                camera.rotation = std::array::from_fn(|i| std::array::from_fn(|j| rows[j][i]));
+            }
+        });
+        assert!(transposed.contains("from the same side"), "{transposed}");
+        let in_metres = broken(|rig| rig.cameras.iter_mut().for_each(|c| c.t = c.t.map(|t| t / 1000.0)));
+        assert!(in_metres.contains("camera 0 is 0.08 mm from"), "{in_metres}");
+        let small =
+            broken(|rig| rig.bodies[0].markers.iter_mut().for_each(|m| m.p = m.p.map(|v| v / 1000.0)));
+        assert!(small.contains("all markers of inst0 are within"), "{small}");
         let straight = broken(|rig| {
             for (i, marker) in rig.bodies[0].markers.iter_mut().enumerate() {
                 marker.p = [0.0, 0.0, 1.0 + 2.0 * i as f64];

@@ -1,7 +1,8 @@
 //! A folder for what a command needs in between. It goes with the command, however that ends.
 
 use super::OutputError;
-use std::fs;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use tempfile::{Builder, TempDir};
@@ -20,7 +21,7 @@ impl Scratch {
     /// # Errors
     /// Where the system refuses.
     pub fn new() -> Result<Self, OutputError> {
-        let folder = Builder::new().prefix("vitreo-").tempdir();
+        let folder = Builder::new().prefix("vitreo-").permissions(Permissions::from_mode(0o700)).tempdir();
         let folder = folder.map_err(|e| OutputError::io(&std::env::temp_dir(), e))?;
         FOLDERS.lock().unwrap_or_else(PoisonError::into_inner).push(folder.path().into());
         Ok(Scratch(folder))
@@ -47,7 +48,6 @@ pub(super) fn remove_all() {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::os::unix::fs::PermissionsExt;
 
     #[test]
     fn a_folder_is_its_owners_alone_and_goes_with_what_it_holds() {

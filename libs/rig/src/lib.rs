@@ -274,7 +274,7 @@ impl Rig {
 
     fn check(&self, path: &str) -> Result<(), RigError> {
         let defect = self.defect().or_else(|| self.defect_of_cameras()).or_else(|| self.defect_of_fields());
-        let defect = defect.or_else(|| self.defect_of_bodies()).or_else(|| self.defect_of_views());
+        let defect = defect.or_else(|| self.defect_of_bodies()).or_else(|| self.defect_of_lenses());
         let Some((field, expected, found)) = defect else { return Ok(()) };
         Err(RigError::Value { path: path.into(), field, expected: expected.into(), found })
     }
@@ -319,7 +319,7 @@ impl Rig {
             return Some(("bodies".into(), "inst0, inst1 and eye", found));
         }
         for body in &self.bodies {
-            if let Some((field, what, found)) = body.defect().or_else(|| body.defect_of_places()) {
+            if let Some((field, what, found)) = body.defect() {
                 return Some((format!("bodies.{}.{field}", body.name), what, found));
             }
         }

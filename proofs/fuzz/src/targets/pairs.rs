@@ -79,7 +79,7 @@ fn recorded() -> (Provenance, Vec<Item>) {
         let (field, instants) = (frame.field, frame.instants);
         items.push(Item::Poses(Box::new(frame)));
         items.push(Item::Step(StepRecord { step: number, field, instants, ..Zeroable::zeroed() }));
-        items.push(Item::Handle(HandleState { seq: number, field, ..Zeroable::zeroed() }));
+        items.push(Item::Handle(HandleState { seq: number, field, tool: 1, ..Zeroable::zeroed() }));
     }
     items.push(Item::Event(Event { kind: 1, field: items.len() as u64, ..Zeroable::zeroed() }));
     items.truncate(MESSAGES);
@@ -188,7 +188,6 @@ mod tests {
         assert!(!other.same && other.inputs.fields_missing == 1, "{:?}", other.stages);
     }
 
-    /// Unused otherwise: the kinds of messages are those of a recording.
     #[test]
     fn each_kind_of_message_can_be_patched() {
         let (_, all) = recorded();
