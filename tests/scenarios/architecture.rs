@@ -107,7 +107,7 @@ const OWNERS: &[(&str, &[&str])] = &[
     ("quick-xml", &["replay"]),
     ("rusqlite", &["results"]),
     ("parquet", &["results"]),
-    ("plotters", &["replay"]),
+    ("plotters", &["plots", "calibration", "replay", "results"]),
     ("openh264", &["renderer"]),
     ("mp4-atom", &["renderer"]),
     ("swash", &["font"]),
