@@ -41,7 +41,6 @@ const ARROWS: &[(&str, &[&str])] = &[
             "tracker",
             "calibration",
             "diagnosis",
-            "font",
             "renderer",
             "plots",
             "results",

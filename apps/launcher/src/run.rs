@@ -103,7 +103,7 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     if ran {
         print!("{}", report.text());
         attempts.iter().for_each(|a| print!("{}", attempt_text(a, attempts.len())));
-        likely_cause::tell(&report, args.desk.is_none(), &stop).await;
+        likely_cause::print(&report, args.desk.is_none(), &stop).await;
     }
     outcome?;
     if let Some(trainee) = &args.training.trainee {

@@ -96,21 +96,25 @@ mod tests {
         rig
     }
 
+    /// Of `b.jsonl` into `b.mcap`.
+    fn args_in(folder: &Path, rig: PathBuf) -> ImportArgs {
+        ImportArgs {
+            rig,
+            blobs: folder.join("b.jsonl"),
+            scene: None,
+            output: folder.join("b.mcap"),
+            writing: WritingArgs::default(),
+            force: Force::default(),
+        }
+    }
+
     #[test]
     fn every_line_arrives_even_twice_and_out_of_order() {
         let directory = tempfile::tempdir().unwrap();
         let rig = rig_in(directory.path());
-        let (blobs, output) = (directory.path().join("b.jsonl"), directory.path().join("b.mcap"));
+        let args = args_in(directory.path(), rig);
         let earlier = LINE.replace("\"seq\":3", "\"seq\":2");
-        std::fs::write(&blobs, format!("{LINE}\n{LINE}\n{earlier}\n")).unwrap();
-        let args = ImportArgs {
-            rig,
-            blobs,
-            scene: None,
-            output,
-            writing: WritingArgs::default(),
-            force: Force::default(),
-        };
+        std::fs::write(&args.blobs, format!("{LINE}\n{LINE}\n{earlier}\n")).unwrap();
         run(&args).unwrap();
         let recording = Recording::open(&args.output).unwrap();
         assert_eq!(recording.provenance().source, Source::Import);
@@ -126,15 +130,7 @@ mod tests {
     fn a_stream_without_a_field_is_refused_and_leaves_no_file() {
         let directory = tempfile::tempdir().unwrap();
         let rig = rig_in(directory.path());
-        let (blobs, output) = (directory.path().join("b.jsonl"), directory.path().join("b.mcap"));
-        let args = ImportArgs {
-            rig,
-            blobs,
-            scene: None,
-            output,
-            writing: WritingArgs::default(),
-            force: Force::default(),
-        };
+        let args = args_in(directory.path(), rig);
         for text in ["", "\n\n"] {
             std::fs::write(&args.blobs, text).unwrap();
             let error = format!("{:#}", run(&args).unwrap_err());

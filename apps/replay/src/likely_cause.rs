@@ -74,7 +74,7 @@ fn last_fields(recording: &Recording, last_s: f64) -> Result<Vec<BlobField>, Rec
     let mut items = recording.items_of(&[BlobField::CHANNEL]);
     // Blocks are logged after their exposure.
     if let Some(place) = chunks.place(chunks.first_with(from_ns)) {
-        items.go_to(&place);
+        items.go_to(&place.of_topics(&[BlobField::CHANNEL]));
     }
     let fields = items.flatten().filter_map(|(_, item)| field_of(item));
     Ok(fields.map(|field| *field).filter(|field| field.exposed_ns >= from_ns).take(FIELDS).collect())

@@ -52,7 +52,7 @@ pub(super) struct FileItems {
     wanted: Arc<[&'static str]>,
     /// Topic by channel, of those.
     topics: Arc<Topics>,
-    /// The file has told its channels.
+    /// The channels of the file have been read.
     channels_known: bool,
     /// What log times are ahead of the instants by which items are filed, ns.
     realtime_offset_ns: u64,

@@ -56,7 +56,7 @@ impl Items {
     /// Goes on at a place of this recording. The chunk there is read again, and only once an item of it is asked
     /// for, so that nothing of it need be kept.
     pub fn go_to(&mut self, place: &Place) {
-        // A lost file has told what it had to tell.
+        // All that is known of a lost file has been said.
         if place.file != self.file || self.files[self.file].is_lost() {
             self.enter(place.file);
         }

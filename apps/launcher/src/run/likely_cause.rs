@@ -1,4 +1,4 @@
-//! The likely cause of large residuals, at the end of a run. Only the program of recordings can tell it, from what
+//! The likely cause of large residuals, at the end of a run. Only the program of recordings can find it, from what
 //! was recorded; it is given little time, and less where a person wants the end.
 
 use super::report::Report;
@@ -21,7 +21,7 @@ const LAST_S: &str = "60";
 const WITHIN: [Duration; 2] = [Duration::from_millis(10_000), Duration::from_millis(1_500)];
 /// Besides, for starting and reading.
 const MARGIN: Duration = Duration::from_millis(400);
-/// Residuals of a body above which a run that was not recorded is told how the cause is found, px RMS: a rig that
+/// Residuals of a body above which a run that was not recorded says how the cause is found, px RMS: a rig that
 /// holds leaves less.
 const NOISE_PX: f64 = 0.4;
 
@@ -33,13 +33,13 @@ enum Found {
     LeftOff,
 }
 
-/// Tells the likely cause of a run's residuals, if there is one to be told. `has_cameras`: something was tracked.
-pub async fn tell(report: &Report, has_cameras: bool, stop: &StopSignal) {
+/// Prints the likely cause of a run's residuals, if there is one. `has_cameras`: something was tracked.
+pub async fn print(report: &Report, has_cameras: bool, stop: &StopSignal) {
     if !has_cameras || report.tracking.frames == 0 {
         return;
     }
     let Some(recording) = report.recording.as_ref().filter(|r| r.problem.is_none()) else {
-        return tell_how(report);
+        return print_how_to_find(report);
     };
     match search(Path::new(&recording.file), stop).await {
         Ok(Found::Said(said)) => said.iter().for_each(|text| println!("{text}")),
@@ -54,7 +54,7 @@ pub async fn tell(report: &Report, has_cameras: bool, stop: &StopSignal) {
 }
 
 /// Without a recording nobody can say more than that there is something to be found.
-fn tell_how(report: &Report) {
+fn print_how_to_find(report: &Report) {
     let large = report.tracking.bodies.iter().filter(|(_, body)| body.summary.residual_rms_px > NOISE_PX);
     let Some((name, body)) =
         large.max_by(|(_, a), (_, b)| a.summary.residual_rms_px.total_cmp(&b.summary.residual_rms_px))
@@ -62,7 +62,7 @@ fn tell_how(report: &Report) {
         return;
     };
     println!(
-        "residuals of {name} are {:.2} px RMS, above the cameras' noise: of a run with --record the likely cause is told",
+        "residuals of {name} are {:.2} px RMS, above the cameras' noise: with --record, a run ends with the likely cause",
         body.summary.residual_rms_px
     );
 }

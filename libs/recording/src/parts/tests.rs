@@ -1,5 +1,5 @@
 //! Parts read as one are the whole, whatever their limits; what is missing, swapped or of another recording is
-//! told, and the rest is read.
+//! named, and the rest is read.
 
 use super::*;
 use crate::{Note, NoteKind, Packing, Provenance, Recording, Writer};

@@ -167,7 +167,7 @@ impl PartsWriter {
         let mut writer = match self.new_writer(&part, after_step) {
             Ok(writer) => writer,
             Err(problem) => {
-                // Told once, however often it is tried.
+                // Said once, however often it is tried.
                 if !std::mem::replace(&mut self.warned, true) {
                     self.warning = Some(format!("no further part of the recording can be begun: {problem}"));
                 }
@@ -278,7 +278,7 @@ impl PartsWriter {
         self.part.number
     }
 
-    /// Why no further part could be begun; told once.
+    /// Why no further part could be begun; said once.
     pub fn take_warning(&mut self) -> Option<String> {
         self.warning.take()
     }

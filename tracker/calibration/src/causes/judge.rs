@@ -35,7 +35,7 @@ const SHIFTS_MS: [f64; 9] = [-16.0, -10.0, -5.0, -2.0, 0.0, 2.0, 5.0, 10.0, 16.0
 /// Scales that are tried first.
 const SCALES: [f64; 9] = [0.92, 0.95, 0.97, 0.985, 1.0, 1.015, 1.03, 1.05, 1.08];
 
-/// Judges the fields of a recording, in the order of arrival, with all processors. `go_on` is told how many
+/// Judges the fields of a recording, in the order of arrival, with all processors. `go_on` gets how many
 /// causes were tried, of how many; where it says no, the search is stopped.
 pub fn judge(rig: &Rig, fields: &[BlobField], go_on: impl Fn(usize, usize) -> bool + Sync) -> Judgement {
     judge_where(rig, fields, |_| true, go_on)
