@@ -2,15 +2,18 @@
 //! time is an argument.
 //!
 //! Genlocked cameras are one group; a free-running camera is a group of its own. A group's field is
-//! made half a period ahead of the instant at which its blobs are due. The half period before that
-//! belongs to those who work on the field that has just left: real cameras take no processor from the
-//! picture. A field is not begun just before another group's field has to leave.
+//! made 7 ms ahead of the instant at which its blobs are due, or half a period where that is less:
+//! making it takes 3 ms for three cameras, the scan of its blobs 1 ms. The time before belongs to those
+//! who work on the field that has just left: real cameras take no processor from the picture. A field
+//! is not begun just before another group's field has to leave.
 
 use crate::cameras::Cameras;
 use crate::faults::timing::Clock;
 
 /// Time kept free before a send, ns; drawing a field takes less than 1 ms.
 const ROOM_NS: u64 = 3_000_000;
+/// How long before its blobs are due a field is made, ns; at most half a period.
+const AHEAD_NS: u64 = 7_000_000;
 
 /// Cameras that share a clock.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -110,7 +113,7 @@ impl Schedule {
     pub fn exposed(&mut self, i: usize) -> u64 {
         let group = &mut self.0[i];
         group.next += 1;
-        group.not_before_ns = group.due_ns().saturating_sub(group.clock.period_ns / 2);
+        group.not_before_ns = group.due_ns().saturating_sub(AHEAD_NS.min(group.clock.period_ns / 2));
         group.next - 1
     }
 }
@@ -139,9 +142,9 @@ mod tests {
         assert_eq!(schedule.next(0, None, 100 * MS), Action::Expose(0), "ahead of its time");
         assert_eq!(schedule.exposed(0), 0);
         assert_eq!(schedule.next(2 * MS, Some(20 * MS), 100 * MS), Action::Wait(20 * MS));
-        assert_eq!(schedule.next(21 * MS, None, 100 * MS), Action::Wait(29 * MS), "half a period ahead");
-        assert_eq!(schedule.next(29 * MS, Some(31 * MS), 100 * MS), Action::Wait(31 * MS), "not just before");
-        assert_eq!(schedule.next(31 * MS, None, 100 * MS), Action::Expose(0));
+        assert_eq!(schedule.next(21 * MS, None, 100 * MS), Action::Wait(32 * MS), "7 ms ahead");
+        assert_eq!(schedule.next(32 * MS, Some(34 * MS), 100 * MS), Action::Wait(34 * MS), "not just before");
+        assert_eq!(schedule.next(34 * MS, None, 100 * MS), Action::Expose(0));
         assert_eq!(schedule.next(21 * MS, None, 20 * MS), Action::Over);
         assert_eq!(
             schedule.next(21 * MS, Some(30 * MS), 20 * MS),
@@ -201,6 +204,14 @@ mod tests {
         let mut schedule = Schedule::from_clocks([(clock(0), 20 * MS)].into_iter());
         schedule.exposed(0);
         // Nothing was sent, yet the next field waits for its turn.
-        assert_eq!(schedule.next(5 * MS, None, u64::MAX), Action::Wait(30 * MS));
+        assert_eq!(schedule.next(5 * MS, None, u64::MAX), Action::Wait(33 * MS));
+    }
+
+    #[test]
+    fn a_fast_camera_is_made_half_a_period_ahead() {
+        let fast = Clock { period_ns: 5 * MS, ppb: 0, phase_ns: 0 };
+        let mut schedule = Schedule::from_clocks([(fast, 4 * MS)].into_iter());
+        schedule.exposed(0);
+        assert_eq!(schedule.next(5 * MS, None, u64::MAX), Action::Wait(6_500_000));
     }
 }
