@@ -1,6 +1,7 @@
-//! Where finished pictures go: nowhere (headless), or into a window.
+//! Where finished pictures go: nowhere (headless), or into a window; and a window for pictures of other programs.
 
 pub mod blit;
+pub mod picture;
 pub mod window;
 
 use crate::gpu::{Gpu, GpuError};
@@ -17,6 +18,9 @@ pub enum PresentError {
         "no display for a window ({0}); use --headless, with --stills DIR or --video FILE.y4m to see the picture"
     )]
     NoDisplay(String),
+    /// The same, where a program shows pictures of its own.
+    #[error("no display for a window ({0}); have the picture written to a file instead")]
+    NoPictureWindow(String),
     /// The graphics driver.
     #[error(transparent)]
     Gpu(#[from] GpuError),

@@ -99,6 +99,7 @@ const OWNERS: &[(&str, &[&str])] = &[
     ("iceoryx2", &["ipc"]),
     ("wgpu", &["renderer", "collision"]),
     ("winit", &["renderer"]),
+    ("softbuffer", &["renderer"]),
     ("mcap", &["recording"]),
     ("bincode", &["simcore", "tracker"]),
     ("crossterm", &["replay"]),

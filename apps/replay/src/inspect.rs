@@ -1,7 +1,12 @@
-//! `vitreo inspect`: the cameras' view of a field and what the tracker made of it, or residuals over time.
+//! `vitreo inspect`: the cameras' view of a field and what the tracker made of it, or residuals over time; as
+//! pictures, or both in a window.
 
+mod browse;
 mod field_view;
+mod seen;
+mod shelf;
 mod time_line;
+mod window;
 
 use crate::matched;
 use crate::residuals::rig_of;
@@ -10,7 +15,7 @@ use ipc::logging::{inform, warn};
 use outputs::Outputs;
 use outputs::exit::{LOSS, WrongUse};
 use plots::{Format, bytes};
-use recording::Recording;
+use recording::{Recording, RecordingError};
 use settings::commands::InspectArgs;
 use std::ops::ControlFlow;
 use std::process::ExitCode;
@@ -22,6 +27,9 @@ use std::process::ExitCode;
 pub fn run(args: &InspectArgs) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
     let rig = rig_of(&recording)?;
+    if args.window {
+        return Ok(ended(window::run(&recording, &rig, args.field)?.damage));
+    }
     let format = Format::of(&args.output)?;
     let mut outputs = Outputs::new(args.force.force).reading_all(recording::files_of(&args.file));
     outputs.claim(&args.output)?;
@@ -35,7 +43,7 @@ pub fn run(args: &InspectArgs) -> anyhow::Result<ExitCode> {
         match args.field {
             None => line.note(found.frame, found.matches),
             Some(field) if field == number => {
-                view = Some(field_view::FieldView::new(&rig, &found));
+                view = Some(seen::Seen::new(&rig, &found));
                 return Ok(ControlFlow::Break(()));
             }
             Some(_) => {}
@@ -50,14 +58,21 @@ pub fn run(args: &InspectArgs) -> anyhow::Result<ExitCode> {
                 WrongUse(format!("{}: no frame of field {field}; {holds}", args.file.display())).into()
             );
         }
-        (Some(_), Some(view), _) => bytes(&view, format)?,
-        (None, ..) => bytes(&line, format)?,
+        (Some(_), Some(seen), _) => {
+            bytes(&field_view::FieldView { seen: &seen, size_px: None, alone: None }, format)?
+        }
+        (None, ..) => bytes(&time_line::Whole::from(&line), format)?,
     };
     outputs.write(&args.output, picture)?;
     let what = args.field.map_or("residuals, NIS and status over time".into(), |n| format!("field {n}"));
     let how = if outcome.recorded { "as recorded" } else { "as this tracker finds it in the blobs" };
     inform(&format!("{}: {what}, {how}", args.output.display()));
-    let Some(damage) = outcome.damage else { return Ok(ExitCode::SUCCESS) };
+    Ok(ended(outcome.damage))
+}
+
+/// Says what is wrong with the recording, if something is.
+fn ended(damage: Option<RecordingError>) -> ExitCode {
+    let Some(damage) = damage else { return ExitCode::SUCCESS };
     warn(&damage.to_string());
-    Ok(ExitCode::from(LOSS))
+    ExitCode::from(LOSS)
 }

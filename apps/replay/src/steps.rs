@@ -234,13 +234,17 @@ impl Steps {
         }
         match self.waiting.past.jump(&mut self.world, header, state) {
             Ok(_) if self.world.state_hash() != header.state_hash => {
-                tracing::warn!("step {}: its checkpoint is not of the state it names", header.step);
+                let field = header.field;
+                tracing::warn!(field, "step {}: its checkpoint is not of the state it names", header.step);
             }
             Ok(_) => {
                 self.waiting.resume = None;
                 self.begin_here();
             }
-            Err(error) => tracing::warn!("step {}: its checkpoint is of no use: {error}", header.step),
+            Err(error) => {
+                let field = header.field;
+                tracing::warn!(field, "step {}: its checkpoint is of no use: {error}", header.step);
+            }
         }
     }
 
@@ -297,7 +301,10 @@ impl Steps {
                     self.done.gaps += 1;
                     return true;
                 }
-                Err(error) => tracing::warn!("step {}: its checkpoint is of no use: {error}", header.step),
+                Err(error) => {
+                    let field = header.field;
+                    tracing::warn!(field, "step {}: its checkpoint is of no use: {error}", header.step);
+                }
             }
         }
         if self.waiting.ended {

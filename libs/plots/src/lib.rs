@@ -71,20 +71,32 @@ impl Format {
 /// # Errors
 /// Where the drawing fails, which it does not for finite figures.
 pub fn bytes(figure: &impl Figure, format: Format) -> anyhow::Result<Vec<u8>> {
-    let (width, height) = figure.size_px();
-    // Registered again for each picture; one that is there stays.
-    let _ = plotters::style::register_font(FONT, FontStyle::Normal, truetype());
     if format == Format::Svg {
+        register_font();
         let mut text = String::new();
-        drawn(&SVGBackend::with_string(&mut text, (width, height)).into_drawing_area(), figure)?;
+        drawn(&SVGBackend::with_string(&mut text, figure.size_px()).into_drawing_area(), figure)?;
         return Ok(text.into_bytes());
     }
+    let mut file = Cursor::new(Vec::new());
+    pixels(figure)?.write_to(&mut file, ImageFormat::Png)?;
+    Ok(file.into_inner())
+}
+
+/// A figure in pixels, for a window.
+///
+/// # Errors
+/// Where the drawing fails, which it does not for finite figures.
+pub fn pixels(figure: &impl Figure) -> anyhow::Result<RgbImage> {
+    register_font();
+    let (width, height) = figure.size_px();
     let mut pixels = vec![0; 3 * width as usize * height as usize];
     drawn(&BitMapBackend::with_buffer(&mut pixels, (width, height)).into_drawing_area(), figure)?;
-    let picture = RgbImage::from_raw(width, height, pixels).expect("three bytes a pixel");
-    let mut file = Cursor::new(Vec::new());
-    picture.write_to(&mut file, ImageFormat::Png)?;
-    Ok(file.into_inner())
+    Ok(RgbImage::from_raw(width, height, pixels).expect("three bytes a pixel"))
+}
+
+/// Registered again for each picture; one that is there stays.
+fn register_font() {
+    let _ = plotters::style::register_font(FONT, FontStyle::Normal, truetype());
 }
 
 fn drawn<B: DrawingBackend>(area: &Area<B>, figure: &impl Figure) -> anyhow::Result<()> {

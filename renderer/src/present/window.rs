@@ -148,7 +148,7 @@ impl ApplicationHandler for State {
 
 /// The key's name for `protocol::inputs`, by its place on the keyboard: `w`, `a`, `s` and `d` lie
 /// together on any layout.
-fn name_of(code: KeyCode) -> String {
+pub(super) fn name_of(code: KeyCode) -> String {
     let name = format!("{code:?}");
     let known = match code {
         KeyCode::Minus | KeyCode::NumpadSubtract => "minus",

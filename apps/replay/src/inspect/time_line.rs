@@ -12,8 +12,14 @@ const COLUMNS: usize = 600;
 /// Width of the picture, heights of its three parts, px.
 const WIDTH_PX: u32 = 1200;
 const HEIGHTS_PX: [u32; 3] = [320, 320, 160];
+/// Least height of the last of them in a window, px.
+const STATUSES_LEAST_PX: u32 = 108;
 /// Mean NIS of a consistent filter: two degrees of freedom a blob.
 const EXPECTED_NIS: f64 = 2.0;
+/// Around a diagram, left of it and below it, px.
+const MARGIN_PX: u32 = 8;
+const LEFT_PX: u32 = 52;
+const BELOW_PX: u32 = 26;
 
 /// What a frame contributes.
 #[derive(Debug, Clone, Copy)]
@@ -24,6 +30,8 @@ struct Point {
     /// Number and sum of NIS, by body.
     nis: [(u32, f64); BODIES],
     validity: [Validity; BODIES],
+    /// Matched blobs that a fit rejected.
+    rejected: u32,
 }
 
 /// The picture.
@@ -40,8 +48,11 @@ impl TimeLine {
             residuals: [(0, 0.0); MAX_CAMERAS],
             nis: [(0, 0.0); BODIES],
             validity: frame.bodies.each_ref().map(protocol::poses::BodyState::validity),
+            rejected: 0,
         };
         for field in matches.fields() {
+            let rejected = |b: &&MatchedBlob| b.outcome().is_matched() && !b.outcome().is_used();
+            point.rejected += field.blobs().iter().filter(rejected).count() as u32;
             let Some(residuals) = point.residuals.get_mut(field.camera as usize) else { continue };
             let used = |b: &&MatchedBlob| b.outcome().is_used();
             for (blob, (body, _)) in field.blobs().iter().filter(used).filter_map(|b| Some((b, b.marker()?)))
@@ -55,6 +66,25 @@ impl TimeLine {
             }
         }
         self.points.push(point);
+    }
+
+    /// True where a fit rejected a blob of the last frame, or a body was not measured in it.
+    pub fn last_is_conspicuous(&self) -> bool {
+        let measured = |v: &Validity| *v == Validity::Measured;
+        self.points.last().is_some_and(|p| p.rejected > 0 || !p.validity.iter().all(measured))
+    }
+
+    /// The time at a column of a picture of that width, s since the first frame; `None` beside the diagram.
+    pub fn time_at(&self, x_px: f64, width_px: u32) -> Option<f64> {
+        let [left, right] = diagram(width_px);
+        let share = (x_px - left) / (right - left);
+        (-0.01..=1.01).contains(&share).then(|| share.clamp(0.0, 1.0) * self.end_s())
+    }
+
+    /// The column of a time in a picture of that width.
+    pub fn x_of(&self, s: f64, width_px: u32) -> u32 {
+        let [left, right] = diagram(width_px);
+        (left + (right - left) * (s / self.end_s()).clamp(0.0, 1.0)).round() as u32
     }
 
     /// Time since the first frame, s.
@@ -114,9 +144,9 @@ impl TimeLine {
         let top = 1.25 * high.max(expected.unwrap_or(0.05));
         let mut chart = ChartBuilder::on(area)
             .caption(caption, (FONT, 15))
-            .margin(8)
-            .x_label_area_size(26)
-            .y_label_area_size(52)
+            .margin(MARGIN_PX)
+            .x_label_area_size(BELOW_PX)
+            .y_label_area_size(LEFT_PX)
             .build_cartesian_2d(0.0..self.end_s(), 0.0..top)?;
         chart.configure_mesh().light_line_style(WHITE).x_desc("s").label_style((FONT, 12)).draw()?;
         if let Some(at) = expected {
@@ -144,9 +174,9 @@ impl TimeLine {
     fn statuses<B: DrawingBackend>(&self, area: &Area<B>) -> Drawn<B> {
         let mut chart = ChartBuilder::on(area)
             .caption("green: measured, yellow: predicted only, red: lost", (FONT, 15))
-            .margin(8)
-            .x_label_area_size(26)
-            .y_label_area_size(52)
+            .margin(MARGIN_PX)
+            .x_label_area_size(BELOW_PX)
+            .y_label_area_size(LEFT_PX)
             .build_cartesian_2d(0.0..self.end_s(), BODIES as f64 - 0.5..-0.5)?;
         let name = |y: &f64| {
             let whole = (y.round() - y).abs() < 1e-6 && *y > -0.4;
@@ -202,17 +232,39 @@ fn colour(validity: Validity) -> RGBColor {
     }
 }
 
-impl Figure for TimeLine {
+/// First and last column of the diagrams of a picture of that width.
+fn diagram(width_px: u32) -> [f64; 2] {
+    [MARGIN_PX + LEFT_PX, width_px.saturating_sub(MARGIN_PX + 1)].map(f64::from)
+}
+
+/// The picture in a size.
+pub struct Whole<'a> {
+    /// What is drawn.
+    pub line: &'a TimeLine,
+    /// Width and height, px.
+    pub size_px: [u32; 2],
+}
+
+impl<'a> From<&'a TimeLine> for Whole<'a> {
+    fn from(line: &'a TimeLine) -> Self {
+        Whole { line, size_px: [WIDTH_PX, HEIGHTS_PX.iter().sum()] }
+    }
+}
+
+impl Figure for Whole<'_> {
     fn size_px(&self) -> (u32, u32) {
-        (WIDTH_PX, HEIGHTS_PX.iter().sum())
+        self.size_px.into()
     }
 
     fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> Drawn<B> {
-        let (residuals, below) = area.split_vertically(HEIGHTS_PX[0]);
-        let (nis, statuses) = below.split_vertically(HEIGHTS_PX[1]);
-        self.residuals(&residuals)?;
-        self.nis(&nis)?;
-        self.statuses(&statuses)
+        let all: u32 = HEIGHTS_PX.iter().sum();
+        let statuses = (HEIGHTS_PX[2] * self.size_px[1] / all).max(STATUSES_LEAST_PX);
+        let curves = self.size_px[1].saturating_sub(statuses) / 2;
+        let (above, below) = area.split_vertically(curves);
+        self.line.residuals(&above)?;
+        let (above, below) = below.split_vertically(curves);
+        self.line.nis(&above)?;
+        self.line.statuses(&below)
     }
 }
 
@@ -248,9 +300,14 @@ mod tests {
         let runs = line.runs(1);
         assert_eq!(runs.len(), 3);
         assert!((runs[1].1 - 0.8).abs() < 1e-9 && (runs[1].2 - 1.2).abs() < 1e-9, "{runs:?}");
-        let png = plots::bytes(&line, plots::Format::Png).unwrap();
+        let png = plots::bytes(&Whole::from(&line), plots::Format::Png).unwrap();
         let picture = image::load_from_memory(&png).unwrap().to_rgb8();
         let of = |c: RGBColor| picture.pixels().filter(|p| p.0 == [c.0, c.1, c.2]).count();
+        for (s, width) in [(0.0, 1200), (1.0, 1200), (1.98, 700)] {
+            let back = line.time_at(f64::from(line.x_of(s, width)), width).unwrap();
+            assert!((back - s).abs() < 1.98 / 600.0, "{s} s at {width} px: {back}");
+        }
+        assert!(line.time_at(10.0, 1200).is_none() && line.last_is_conspicuous());
         // The other two are lost all the time.
         assert!(of(COLOURS[1]) > of(COLOURS[2]) && of(COLOURS[2]) > 1000);
     }

@@ -13,8 +13,11 @@ pub struct InspectArgs {
     /// it, residuals, NIS and status over time.
     #[arg(long, value_name = "N")]
     pub field: Option<u64>,
+    /// Show both in a window, and go through the recording by keys; h lists them.
+    #[arg(long)]
+    pub window: bool,
     /// Where the picture goes; the ending says how.
-    #[arg(short, long, value_name = "OUT.png|svg", default_value = "inspect.png")]
+    #[arg(short, long, value_name = "OUT.png|svg", default_value = "inspect.png", conflicts_with = "window")]
     pub output: PathBuf,
     /// Whether files that exist are written over.
     #[command(flatten)]
