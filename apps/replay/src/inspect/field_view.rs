@@ -259,8 +259,8 @@ mod tests {
         let columns =
             |width, height| FieldView { seen: &seen, size_px: Some([width, height]), alone: None }.columns();
         assert_eq!([columns(1500, 460), columns(900, 900), columns(300, 900)], [3, 2, 1]);
-        let area =
-            plotters::drawing::DrawingArea::from(plotters::backend::BitMapBackend::new("unused", (900, 400)));
+        let mut pixels = vec![0; 3 * 900 * 400];
+        let area = BitMapBackend::with_buffer(&mut pixels, (900, 400)).into_drawing_area();
         let (part, scale) = seen.panels[0].fitted(&area);
         let (width, height) = part.dim_in_pixel();
         assert!(width <= 900 && height <= 400, "{width} by {height}");
