@@ -33,6 +33,8 @@ const TIME_LEAST_PX: u32 = 240;
 /// Between two looks while nothing is due, and while it plays.
 const LOOK: Duration = Duration::from_millis(100);
 const PLAYING: Duration = Duration::from_millis(5);
+/// Frames that are read between two looks at whether the window was closed.
+const FRAMES_A_LOOK: usize = 64;
 const CURSOR: image::Rgb<u8> = image::Rgb([200, 0, 0]);
 
 /// Shows a recording until the person ends it, beginning with `field`.
@@ -44,6 +46,7 @@ pub fn run(recording: &Recording, rig: &Rig, field: Option<u64>) -> anyhow::Resu
     let title = format!("vitreo inspect {}", recording.path().display());
     let mut window = PictureWindow::open(&title, SIZE_PX)?;
     let (mut filling, mut line, mut marks) = (Filling::new()?, TimeLine::default(), Vec::new());
+    let mut closed = false;
     let outcome = matched::run(recording, rig, "inspect", |found| {
         filling.add(&Seen::new(rig, &found))?;
         line.note(found.frame, found.matches);
@@ -52,9 +55,14 @@ pub fn run(recording: &Recording, rig: &Rig, field: Option<u64>) -> anyhow::Resu
             field: found.frame.field,
             conspicuous: line.last_is_conspicuous(),
         });
-        let closed = window.wait(Duration::ZERO).contains(&Happening::Closed);
+        // Looking at a window takes longer than a frame.
+        let looks = marks.len().is_multiple_of(FRAMES_A_LOOK);
+        closed = looks && window.wait(Duration::ZERO).contains(&Happening::Closed);
         Ok(if closed { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
     })?;
+    if closed {
+        return Ok(outcome);
+    }
     let name = recording.path().display();
     let (Some(first), Some(last)) = (marks.first(), marks.last()) else {
         bail!("{name}: holds no tracker frame");
