@@ -4,7 +4,8 @@
 //! its exposure and P the field period, the frame's period is (t + ε − P, t + ε]: in it every
 //! camera, genlocked (within ε of t) or free-running (anywhere), has one field. The frame closes
 //! - `Inputs`: every living camera's field of the period is there;
-//! - `TimeOut`: `CAMERA_WAIT_NS` after the first field of this exposure arrived;
+//! - `TimeOut`: `CAMERA_WAIT_NS` after the first field of this exposure arrived, or half a period where that is
+//!   less;
 //! - `NextField`: a later field of the reference camera came first.
 //!
 //! Where the reference camera itself misses a field, the lowest camera genlocked to it takes its
@@ -27,10 +28,11 @@ use rig::Rig;
 
 /// Exposures of genlocked cameras differ by less than this (ε), ns.
 const GENLOCK_NS: u64 = 500_000;
-/// A camera is alive for this many periods after its last field arrived.
+/// A camera is alive for this many periods after its last field arrived, and for this time at least, ns.
 const ALIVE_PERIODS: u64 = 4;
-/// After this many consecutive old fields of a camera, its clock was set back.
-const CLOCK_SET_BACK: u32 = 25;
+const ALIVE_NS: u64 = 80_000_000;
+/// After consecutive old fields of a camera for so long, its clock was set back, ns.
+const CLOCK_SET_BACK_NS: u64 = 500_000_000;
 
 /// State of a camera.
 #[derive(Debug, Clone, Copy, Default)]
@@ -49,7 +51,7 @@ pub struct ClosedFrame {
     pub reference: Reference,
     /// Why it was closed.
     pub closed_by: ClosedBy,
-    /// Wait from the arrival of the first field of this exposure, at most `CAMERA_WAIT_NS`.
+    /// Wait from the arrival of the first field of this exposure, at most that of a late camera.
     pub waited_ns: u64,
     /// Instant at which the wait ended.
     pub taken_ns: Nanos,
@@ -65,6 +67,8 @@ struct Pending {
 /// Collects camera-fields into frames.
 pub struct FrameAssembler {
     period_ns: u64,
+    /// Longest wait for a late camera, ns.
+    wait_ns: u64,
     cameras: [CameraState; MAX_CAMERAS],
     /// Fields not yet consumed, by exposure.
     pending: Vec<Pending>,
@@ -84,6 +88,7 @@ impl FrameAssembler {
         }
         FrameAssembler {
             period_ns: rig.field_period_ns(),
+            wait_ns: CAMERA_WAIT_NS.min(rig.field_period_ns() / 2),
             cameras,
             pending: Vec::with_capacity(MAX_FIELDS_USED),
             used: Vec::with_capacity(MAX_FIELDS_USED),
@@ -181,7 +186,8 @@ impl FrameAssembler {
         let twice = last_ns > 0 && field.field == camera.last_field;
         if field.exposed_ns <= last_ns || twice {
             camera.refused_in_a_row += 1;
-            if camera.refused_in_a_row < CLOCK_SET_BACK || twice {
+            let for_ns = u64::from(camera.refused_in_a_row) * self.period_ns;
+            if for_ns < CLOCK_SET_BACK_NS || twice {
                 return Err(Refusal::NotNewer { camera: id, exposed_ns: field.exposed_ns, last_ns });
             }
             self.last_frame_ns = 0;
@@ -207,7 +213,7 @@ impl FrameAssembler {
 
     /// The end of the present wait for a late camera; `None` while there is none.
     pub fn deadline(&self, now: Nanos) -> Option<Nanos> {
-        Some(self.open(now)?.1 + CAMERA_WAIT_NS)
+        Some(self.open(now)?.1 + self.wait_ns)
     }
 
     /// The frame that is waited for, and the instant at which the wait began.
@@ -235,7 +241,8 @@ impl FrameAssembler {
 
     fn is_alive(&self, camera: usize, now: Nanos) -> bool {
         let state = &self.cameras[camera];
-        state.in_rig && now.saturating_sub(state.last_arrival_ns) <= ALIVE_PERIODS * self.period_ns
+        state.in_rig
+            && now.saturating_sub(state.last_arrival_ns) <= (ALIVE_PERIODS * self.period_ns).max(ALIVE_NS)
     }
 
     /// True if an exposure belongs to a period without a frame yet.
@@ -292,8 +299,8 @@ impl FrameAssembler {
     }
 
     fn close(&mut self, reference: &Reference, closed_by: ClosedBy, first: Nanos, now: Nanos) -> ClosedFrame {
-        let taken_ns = if closed_by == ClosedBy::TimeOut { now.min(first + CAMERA_WAIT_NS) } else { now };
-        let waited_ns = taken_ns.saturating_sub(first).min(CAMERA_WAIT_NS);
+        let taken_ns = if closed_by == ClosedBy::TimeOut { now.min(first + self.wait_ns) } else { now };
+        let waited_ns = taken_ns.saturating_sub(first).min(self.wait_ns);
         let end = self.pending.partition_point(|p| p.field.exposed_ns <= reference.exposed_ns + GENLOCK_NS);
         self.used.clear();
         self.used.extend(self.pending[..end].iter().map(|p| p.field));

@@ -29,7 +29,7 @@ impl BodyFilter {
         if model.is_eye {
             BodyFilter::Eye(EyeFilter::new(*pose, covariance, model.start, model.motion, time_ns))
         } else {
-            BodyFilter::Instrument(InstrumentFilter::new(pose, covariance, pivot, time_ns, model.tuning))
+            BodyFilter::Instrument(InstrumentFilter::new(pose, covariance, pivot, time_ns, model))
         }
     }
 
@@ -46,7 +46,7 @@ impl BodyFilter {
         if model.is_eye {
             EyeFilter::load(model.motion, from).map(BodyFilter::Eye)
         } else {
-            InstrumentFilter::load(model.tuning, from).map(BodyFilter::Instrument)
+            InstrumentFilter::load(model, from).map(BodyFilter::Instrument)
         }
     }
 

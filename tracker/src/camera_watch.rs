@@ -61,11 +61,11 @@ struct Jump {
 
 impl State {
     /// After one more field.
-    fn after(self, jumps: bool) -> Self {
+    fn after(self, jumps: bool, calm_fields: u32) -> Self {
         match (self, jumps) {
             (State::Suspected { jumped, .. }, true) => State::Suspected { jumped: jumped + 1, calm: 0 },
             (_, true) => State::Suspected { jumped: 1, calm: 0 },
-            (State::Suspected { jumped, calm }, false) if calm + 1 < k::KNOCK_CALM_FIELDS => {
+            (State::Suspected { jumped, calm }, false) if calm + 1 < calm_fields => {
                 State::Suspected { jumped, calm: calm + 1 }
             }
             (_, false) => State::Trusted,
@@ -167,6 +167,8 @@ pub struct CameraWatch {
     trial: Option<Trial>,
     /// No judgement before this instant, ns.
     quiet_until_ns: u64,
+    /// Time within which jumps of two cameras belong together, ns.
+    together_ns: u64,
     notices: VecDeque<Notice>,
     /// Set of the cameras left out since the tracker asked last.
     newly_left_out: u32,
@@ -185,6 +187,7 @@ impl CameraWatch {
             estimated: 0,
             trial: None,
             quiet_until_ns: 0,
+            together_ns: rig.pace.together_ns,
             notices: VecDeque::with_capacity(NOTICES),
             newly_left_out: 0,
         }
@@ -250,17 +253,20 @@ impl CameraWatch {
             let px = if most { None } else { jump::of_field(input, field, predicted) };
             self.jumps[field.camera] = px.map(|px| Jump { at_ns: input.time_ns, px });
         }
+        let fields = |at_50_hz| u32::try_from(input.rig.pace.fields(at_50_hz)).unwrap_or(u32::MAX);
+        let [enough, calm_fields] = [k::KNOCK_FIELDS, k::KNOCK_CALM_FIELDS].map(fields);
         let mut steady = input.cameras;
         for camera in members(in_use) {
             let jump = self.jumps[camera].filter(|_| self.jumped_alone(camera, input.time_ns));
             if jump.is_some() {
                 steady &= !(1 << camera);
             }
-            self.states[camera] = self.states[camera].after(jump.is_some());
-            if let (State::Suspected { jumped: k::KNOCK_FIELDS.., .. }, Some(jump)) =
-                (self.states[camera], jump)
-            {
-                self.accuse(camera, jump.px, input.time_ns);
+            self.states[camera] = self.states[camera].after(jump.is_some(), calm_fields);
+            match (self.states[camera], jump) {
+                (State::Suspected { jumped, .. }, Some(jump)) if jumped >= enough => {
+                    self.accuse(camera, jump.px, input.time_ns);
+                }
+                _ => {}
             }
         }
         steady
@@ -269,7 +275,8 @@ impl CameraWatch {
     /// Set of the left-out cameras that are tracked with a provisional pose, because fewer than two others
     /// send fields.
     fn provisional(&self, input: &AssociationInput<'_>) -> u32 {
-        let sends = |c: &usize| input.time_ns.saturating_sub(input.fields[*c].exposed_ns) < k::SILENT_NS;
+        let sends =
+            |c: &usize| input.time_ns.saturating_sub(input.fields[*c].exposed_ns) < input.rig.pace.silent_ns;
         if !self.may_place(input.time_ns) || members(self.in_use()).filter(sends).count() >= 2 {
             return 0;
         }
@@ -286,7 +293,7 @@ impl CameraWatch {
     fn jumped_alone(&self, camera: usize, time_ns: u64) -> bool {
         let others = self.in_use() & !(1 << camera);
         let jumped =
-            |c: usize| self.jumps[c].is_some_and(|j| time_ns.saturating_sub(j.at_ns) < k::KNOCK_TOGETHER_NS);
+            |c: usize| self.jumps[c].is_some_and(|j| time_ns.saturating_sub(j.at_ns) < self.together_ns);
         time_ns >= self.quiet_until_ns && others.count_ones() >= 2 && !members(others).any(jumped)
     }
 
@@ -385,7 +392,7 @@ impl CameraWatch {
     ) -> Option<Camera> {
         let State::LeftOut { since_ns } = self.states[camera] else { return None };
         let since_ns = input.time_ns.saturating_sub(since_ns);
-        if since_ns < k::RESECTION_AFTER_NS {
+        if since_ns < k::RESECTION_AFTER_NS || !input.rig.pace.looks_at_rig(input.time_ns) {
             return None;
         }
         let may_place = self.may_place(input.time_ns);

@@ -1,7 +1,5 @@
 //! Every tuning constant of the tracker: value, unit, and what breaks when it is moved.
 
-use protocol::limits::FIELD_PERIOD_NS;
-
 /// Default standard deviation of a blob's column for an area of 1 px, px. The centre is a mean over
 /// the area, so it falls with the root of the area (measured: 0.046 px at 175 px, 0.033 px at 350
 /// px).
@@ -71,7 +69,7 @@ pub const FREE_PIVOT_MM: f64 = 12.0;
 /// Least distance of tip and pivot that gives a direction, mm.
 pub const SHORTEST_LEVER_MM: f64 = 4.0;
 /// Longest step of the filter's prediction, ns.
-pub const LONGEST_STEP_NS: u64 = FIELD_PERIOD_NS + FIELD_PERIOD_NS / 2;
+pub const LONGEST_STEP_NS: u64 = 30_000_000;
 /// Least distance from the shaft of a marker that observes the roll, mm.
 pub const ROLL_LEVER_MM: f64 = 0.3;
 /// Largest standard deviation of a blob that observes the roll, px.
@@ -113,19 +111,21 @@ pub const START_EYE_TURN_RAD_S: f64 = 0.5;
 /// The eye's centre is the origin: standard deviation of its position, mm.
 pub const EYE_CENTRE_MM: f64 = 1e-4;
 
-/// Camera-fields this close belong to one update, ns; genlocked cameras differ by 0.1 ms.
+/// Camera-fields this close belong to one update, ns, at most a quarter of a period; genlocked cameras differ by
+/// 0.1 ms.
 pub const GROUP_NS: u64 = 1_000_000;
-/// Greatest age of a field used for acquisition, ns.
-pub const ACQUISITION_WINDOW_NS: u64 = FIELD_PERIOD_NS + FIELD_PERIOD_NS / 4;
-/// Time after its last blob for which a camera counts as seeing a body, ns.
-pub const SEEN_NS: u64 = FIELD_PERIOD_NS + FIELD_PERIOD_NS / 2;
-/// Time after two cameras saw a body for which one camera alone still measures it, ns: the pivot of
-/// the shaft determines the depth until the play becomes too uncertain.
-pub const ONE_CAMERA_NS: u64 = 2 * FIELD_PERIOD_NS + FIELD_PERIOD_NS / 4;
+/// Greatest age of a field used for acquisition, in quarters of a period (of 20 ms at least; see
+/// [`crate::pace`], also for the others).
+pub const ACQUISITION_QUARTERS: u64 = 5;
+/// Time after its last blob for which a camera counts as seeing a body.
+pub const SEEN_QUARTERS: u64 = 6;
+/// Time after two cameras saw a body for which one camera alone still measures it: the pivot of the shaft
+/// determines the depth until the play becomes too uncertain.
+pub const ONE_CAMERA_QUARTERS: u64 = 9;
 /// Time without two cameras after which a body is lost, ns.
 pub const LOST_AFTER_NS: u64 = 150_000_000;
-/// Time without two cameras after which a body is searched, ns.
-pub const ACQUIRE_AFTER_NS: u64 = 30_000_000;
+/// Time without two cameras after which a body is searched, in quarters of a period.
+pub const ACQUIRE_AFTER_QUARTERS: u64 = 6;
 /// Gap (or step back) between camera-fields after which all tracks end, ns.
 pub const MAX_GAP_NS: u64 = 500_000_000;
 
@@ -174,9 +174,6 @@ pub const ACQUISITION_TRIALS: usize = 6_000;
 /// Most hypotheses scored per search; each costs 20 µs.
 pub const ACQUISITION_SCORED: usize = 200;
 
-const _: () = assert!(GROUP_NS * 4 < FIELD_PERIOD_NS, "a group never spans two fields of a camera");
-const _: () = assert!(ACQUIRE_AFTER_NS < LOST_AFTER_NS);
-
 /// Standard deviation of a camera's rotation since its calibration, rad: 8 µm at the distance of
 /// the tip. A larger one takes rotations of the eye for rotations of the cameras.
 pub const CAMERA_TURN_RAD: f64 = 1e-4;
@@ -212,12 +209,14 @@ pub const KNOCK_JUMP_MARKERS: usize = 5;
 pub const KNOCK_AGREES_PX: f64 = 1.0;
 /// Weight of a blob in that turn and shift, px⁻²: a standard deviation of 0.2 px.
 pub const KNOCK_WEIGHT: f64 = 25.0;
-/// Fields of a camera that jump in a row after which it is left out.
-pub const KNOCK_FIELDS: u32 = 5;
-/// Time within which jumps of two cameras show a wrong prediction and not a moved camera, ns.
-pub const KNOCK_TOGETHER_NS: u64 = FIELD_PERIOD_NS + FIELD_PERIOD_NS / 4;
+/// Fields of a camera that jump in a row after which it is left out; this and the other numbers of fields and
+/// gains are those at 50 Hz (see [`crate::pace`]).
+pub const KNOCK_FIELDS: u64 = 5;
+/// Time within which jumps of two cameras show a wrong prediction and not a moved camera, in quarters of a
+/// period.
+pub const KNOCK_TOGETHER_QUARTERS: u64 = 5;
 /// Fields without a jump after which a suspected camera is trusted.
-pub const KNOCK_CALM_FIELDS: u32 = 3;
+pub const KNOCK_CALM_FIELDS: u64 = 3;
 /// Time constant of the evidence about a camera, ns: a shorter one misses small shifts.
 pub const KNOCK_MEMORY_NS: f64 = 0.3e9;
 /// Residual of half weight in that evidence, px; smaller, and a shift of 3 px weighs less than what
@@ -243,8 +242,8 @@ pub const KNOCK_QUIET_NS: u64 = 30_000_000_000;
 pub const RESECTION_AFTER_NS: u64 = 100_000_000;
 /// Fields after which a resected pose is used where fewer than two other cameras send.
 pub const RESECTION_PROVISIONAL_FIELDS: u64 = 20;
-/// Time without a field after which a camera does not count as sending, ns.
-pub const SILENT_NS: u64 = 2 * FIELD_PERIOD_NS + FIELD_PERIOD_NS / 2;
+/// Time without a field after which a camera does not count as sending, in quarters of a period.
+pub const SILENT_QUARTERS: u64 = 10;
 /// Least number of fields of a resection.
 pub const RESECTION_FIELDS: u64 = 80;
 /// Time after which a camera whose resection does not settle is said to be moving, ns.
@@ -260,8 +259,8 @@ pub const RESECTION_SCALE_PX: f64 = 0.5;
 /// Largest mean offset, and change of it, of the checked fields, px.
 pub const RESECTION_STEADY_PX: f64 = 0.12;
 /// Updates without the eye after which it is searched without each of the cameras.
-pub const WITHOUT_EYE_UPDATES: u32 = 6;
+pub const WITHOUT_EYE_UPDATES: u64 = 6;
 /// Updates without the eye, though two cameras see its markers, after which the cameras disagree.
-pub const DISAGREE_UPDATES: u32 = 60;
+pub const DISAGREE_UPDATES: u64 = 60;
 /// Largest reduced χ² of an eye found without a camera.
 pub const WITHOUT_CAMERA_CHI2: f64 = 9.0;

@@ -18,6 +18,7 @@ mod transition;
 use crate::block_matrix::{self, add_block, product, transpose};
 use crate::constants as k;
 use crate::pose_math::{Matrix6, box_minus, exp};
+use crate::rig_model::BodyModel;
 use crate::tuning::Tuning;
 use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use transition::{PLAY_MODEL, StateTransition, roll_model, roll_tremor_model, tremor_model, voluntary_model};
@@ -67,6 +68,8 @@ pub struct InstrumentFilter {
     /// Instant of the state, ns.
     pub time_ns: u64,
     tuning: Tuning,
+    /// Gain of the running ratio.
+    nis_gain: f64,
 }
 
 impl InstrumentFilter {
@@ -76,8 +79,9 @@ impl InstrumentFilter {
         pose_covariance: &Matrix6,
         pivot: Option<Pivot>,
         time_ns: u64,
-        tuning: Tuning,
+        model: &BodyModel,
     ) -> Self {
+        let tuning = model.tuning;
         let axis = pose.rotation * Vector3::z();
         let tip = pose.translation.vector;
         let free = Pivot { position: tip + axis * k::FREE_PIVOT_MM, sigma: k::FREE_PLAY_MM, tracked: false };
@@ -98,6 +102,7 @@ impl InstrumentFilter {
             covariance: [[0.0; N]; N],
             time_ns,
             tuning,
+            nis_gain: model.pace.gain(k::NIS_RATIO_GAIN),
         };
         filter.vectors[0] = tip;
         filter.vectors[PLAY] = axis * lever - to_pivot;
@@ -439,7 +444,7 @@ impl InstrumentFilter {
     /// Raises the variance of the voluntary acceleration where the NIS is too large, once by much
     /// or several times in a row: the instrument manoeuvres.
     fn adapt_to_nis(&mut self, nis: f64, expected: f64) {
-        self.nis_ratio += k::NIS_RATIO_GAIN * (nis / expected.max(1.0) - self.nis_ratio);
+        self.nis_ratio += self.nis_gain * (nis / expected.max(1.0) - self.nis_ratio);
         let ratio = (nis / k::NIS_LIMIT).max(self.nis_ratio / k::NIS_RATIO_LIMIT);
         if ratio > 1.0 {
             let factor = (ratio * ratio).min(10.0);

@@ -37,6 +37,7 @@ pub mod instrument_filter;
 pub mod match_log;
 pub mod motion_models;
 pub mod observation;
+pub mod pace;
 pub mod pose_math;
 pub mod predictor;
 pub mod process;

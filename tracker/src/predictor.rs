@@ -1,6 +1,8 @@
 //! Prediction of an instrument's tip, in the form that `protocol::predict` evaluates at any
 //! instant.
 //!
+//! The predictors work on a grid of 20 ms, whatever the rate of the cameras; the filter gives the tip at its points.
+//!
 //! Three adaptive linear predictors (see [`crate::rls_predictor`]) use the last 8, 24 and 36 bends of the
 //! path: few adapt fast, many resolve several frequencies of a tremor. Their predictions of the tip at the
 //! next four fields are mixed with the filter's own, with weights from their recent errors. A movement of
@@ -152,10 +154,26 @@ impl TipPredictor {
         !valid
     }
 
-    /// Adds the tip at `exposed_ns`; `tip_after` returns the tip at instants relative to that, s.
-    pub fn observe(&mut self, exposed_ns: u64, measured: bool, tip_after: impl Fn(f64) -> Vector3<f64>) {
-        let fields = exposed_ns.saturating_sub(self.time_ns) as f64 / FIELD_PERIOD_NS as f64;
-        let fields = libm::round(fields) as u64;
+    /// Steps of the grid from its newest sample to a frame of cameras of that period: to the nearest point of the
+    /// grid, or, where frames are closer than its points, to the last that they have passed.
+    fn steps_to(&self, exposed_ns: u64, period_ns: u64) -> u64 {
+        let since_ns = exposed_ns.saturating_sub(self.time_ns);
+        if period_ns < FIELD_PERIOD_NS {
+            return (since_ns + JITTER_NS) / FIELD_PERIOD_NS;
+        }
+        libm::round(since_ns as f64 / FIELD_PERIOD_NS as f64) as u64
+    }
+
+    /// Adds the tip at `exposed_ns`, a frame of cameras of that period; `tip_after` returns the tip at instants
+    /// relative to that, s.
+    pub fn observe(
+        &mut self,
+        exposed_ns: u64,
+        period_ns: u64,
+        measured: bool,
+        tip_after: impl Fn(f64) -> Vector3<f64>,
+    ) {
+        let fields = self.steps_to(exposed_ns, period_ns);
         if self.count > 0 && fields == 0 && exposed_ns >= self.time_ns {
             return;
         }

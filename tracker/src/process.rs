@@ -16,7 +16,7 @@ use ipc::{Queue, Receiver, Sender};
 use protocol::blobs::BlobField;
 use protocol::control::Command;
 use protocol::health::{Process, STATE_DEGRADED};
-use protocol::limits::{FIELD_PERIOD_NS, MAX_FIELDS_USED};
+use protocol::limits::MAX_FIELDS_USED;
 use protocol::matches::MatchFrame;
 use protocol::message::Message;
 use protocol::phases::Phase;
@@ -51,6 +51,8 @@ struct TrackerProcess {
     passed_over: u64,
     /// Field of the newest frame.
     newest_field: u64,
+    /// From field to field of a camera, ns.
+    period_ns: u64,
 }
 
 impl TrackerProcess {
@@ -72,6 +74,7 @@ impl TrackerProcess {
             newest: VecDeque::with_capacity(MAX_FIELDS_USED),
             passed_over: 0,
             newest_field: 0,
+            period_ns: rig.field_period_ns(),
         })
     }
 
@@ -174,7 +177,7 @@ impl Work<anyhow::Error> for TrackerProcess {
         let at = now();
         for field in self.newest.drain(..) {
             // Those of the newest frame; their cameras expose within a period.
-            if field.exposed_ns + FIELD_PERIOD_NS <= newest_ns {
+            if field.exposed_ns + self.period_ns <= newest_ns {
                 passed_over += 1;
             } else {
                 let _ = self.assembler.push(&field, at);

@@ -9,7 +9,6 @@ pub(crate) use saved::{load_place, save_place};
 use crate::acquisition::Acquisition;
 use crate::associate::{Association, Associator};
 use crate::camera_watch::{CameraWatch, Notice};
-use crate::constants as k;
 use crate::drift::{DriftEstimator, DriftReport};
 use crate::fit::PoseFit;
 use crate::instrument_filter::Pivot;
@@ -184,14 +183,14 @@ impl Tracker {
         let used = &used[..used.len().min(MAX_FIELDS_USED)];
         let mut frame = self.begin_frame(reference);
         let mut newest = None;
-        for group in groups(used) {
+        for group in groups(used, self.rig.pace.group_ns) {
             match self.update(group, reference, phases) {
                 Some(update) => self.recycle(newest.replace(update)),
                 None => self.matches.note_unknown(group),
             }
             self.list_fields(group, &mut frame);
         }
-        self.estimate_drift(newest);
+        self.estimate_drift(newest, reference.exposed_ns);
         phases.ended(Phase::Drift);
         self.predict(reference.exposed_ns);
         phases.ended(Phase::Predict);
@@ -262,8 +261,8 @@ impl Tracker {
 
     /// Adds one body's residuals in the frame's newest update to the drift estimation, and computes
     /// a part of its solution.
-    fn estimate_drift(&mut self, newest: Option<Update>) {
-        if let Some(drift) = &mut self.drift {
+    fn estimate_drift(&mut self, newest: Option<Update>, exposed_ns: u64) {
+        if let Some(drift) = self.drift.as_mut().filter(|_| self.rig.pace.looks_at_rig(exposed_ns)) {
             let body = drift.next_body();
             let accepted = newest.as_ref().and_then(|update| Some((update, update.accepted[body].as_ref()?)));
             if let (Some((update, fit)), Some(filter)) = (accepted, &self.tracks[body].filter) {
@@ -307,20 +306,20 @@ impl Tracker {
 }
 
 /// The fields in groups of one instant: close together, each camera once.
-fn groups(fields: &[BlobField]) -> impl Iterator<Item = &[BlobField]> {
+fn groups(fields: &[BlobField], group_ns: u64) -> impl Iterator<Item = &[BlobField]> {
     let mut rest = fields;
     std::iter::from_fn(move || {
-        let (group, after) = rest.split_at(group_len(rest));
+        let (group, after) = rest.split_at(group_len(rest, group_ns));
         rest = after;
         (!group.is_empty()).then_some(group)
     })
 }
 
-fn group_len(fields: &[BlobField]) -> usize {
+fn group_len(fields: &[BlobField], group_ns: u64) -> usize {
     let mut cameras = 0u32;
     for (i, field) in fields.iter().enumerate() {
         let bit = 1u32.checked_shl(field.camera).unwrap_or(0);
-        let close = field.exposed_ns.abs_diff(fields[0].exposed_ns) <= k::GROUP_NS;
+        let close = field.exposed_ns.abs_diff(fields[0].exposed_ns) <= group_ns;
         if i > 0 && (!close || cameras & bit != 0) {
             return i;
         }

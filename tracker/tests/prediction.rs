@@ -45,7 +45,7 @@ fn errors(tips: &[Vector3<f64>]) -> [f64; 3] {
         let mut body = BodyState::zeroed();
         body.world_from_body = Pose { position_mm: (*tip).into(), ..Pose::IDENTITY };
         body.validity = Validity::Measured as u32;
-        predictor.observe(at, true, |_| *tip);
+        predictor.observe(at, FIELD_PERIOD_NS, true, |_| *tip);
         predictor.write_to(at, |_| *tip, &mut body.predictor);
         let ahead = predict_body(&body, AHEAD as f64 * FIELD_PERIOD_NS as f64 * 1e-9);
         predictions.push(Vector3::from(ahead.world_from_body.position_mm));

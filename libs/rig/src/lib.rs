@@ -288,7 +288,7 @@ impl Rig {
         let checks = [
             (self.format == FORMAT, "format", FORMAT, other_format(&self.format, FORMAT).unwrap_or_default()),
             (self.unit == "mm", "unit", "mm", self.unit.clone()),
-            ((1.0..=1000.0).contains(&self.field_hz), "field_hz", "1 to 1000", self.field_hz.to_string()),
+            ((25.0..=500.0).contains(&self.field_hz), "field_hz", "25 to 500", self.field_hz.to_string()),
             (in_frame, "frame", "16 to 8192 px", format!("{:?}", self.frame)),
             (in_time, "line_ns and exposure_ns", "1 to 1e7 and at most 1e9 ns", times),
             ((2..=MAX_CAMERAS).contains(&cameras), "cameras", "2 to 8 cameras", cameras.to_string()),

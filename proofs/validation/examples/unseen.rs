@@ -1,12 +1,16 @@
 //! How well the tracker does on streams that it was not tuned on: every scenario, many seeds.
 
 use clap::Parser;
+use protocol::limits::INSTRUMENTS;
 use rig::Rig;
+use tracker::tuning::Tuning;
+use validation::streams::bound::TipBound;
 use validation::streams::score::{Score, Tracked, rms};
-use validation::streams::{Recipe, Scenario};
+use validation::streams::{Recipe, Scenario, Stream, rig_at};
 
 /// Tracks drawn streams of every scenario, and prints a table: root mean squares over all streams, in
-/// brackets the least and the largest of a stream.
+/// brackets the least and the largest of a stream. The bound is the posterior Cramér–Rao bound of the tips
+/// (validation::streams::bound), the ratio that of the tips' error to it.
 #[derive(Parser)]
 struct Args {
     /// First seed.
@@ -21,32 +25,88 @@ struct Args {
     /// Print every stream.
     #[arg(long)]
     each: bool,
+    /// Rate of the cameras, Hz.
+    #[arg(long, default_value_t = 50.0)]
+    hz: f64,
+    /// Only scenarios whose name contains this.
+    #[arg(long, default_value = "")]
+    only: String,
+    /// Other constants of the tracker (vitreo settings lists them).
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Leave the bound out: it takes a second and more a stream.
+    #[arg(long)]
+    no_bound: bool,
 }
 
 /// The first of a stream is not scored, s: the filters settle.
 const SETTLED_S: f64 = 0.5;
+/// Instants of a stream at which the bound is computed, evenly spread.
+const INSTANTS: usize = 40;
+
+/// Of a stream.
+struct Row {
+    score: Score,
+    /// Bounds of the tips, µm.
+    bounds_um: Vec<f64>,
+}
 
 fn main() {
     let args = Args::parse();
-    let rig = Rig::load_or_shipped(None).expect("the shipped rig");
-    println!("| scenario | tip, µm | shown, µm | eye, mrad | coverage | longest gap, fields |");
-    println!("|---|---|---|---|---|---|");
-    for scenario in Scenario::ALL {
+    let rig = rig_at(&Rig::load_or_shipped(None).expect("the shipped rig"), args.hz);
+    println!(
+        "| scenario | tip, µm | bound, µm | ratio | shown, µm | eye, mrad | coverage | longest gap, fields |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
+    for scenario in Scenario::ALL.into_iter().filter(|s| s.name().contains(&args.only)) {
         let seeds = args.from..args.from + args.seeds;
-        let scores: Vec<Score> = seeds.map(|seed| score(&rig, scenario, seed, args.seconds)).collect();
-        println!("{}", row(scenario.name(), &scores));
-        for (seed, own) in (args.from..).zip(scores.chunks(1)).filter(|_| args.each) {
+        let rows: Vec<Row> = seeds.map(|seed| of_stream(&rig, scenario, seed, &args)).collect();
+        println!("{}", row(scenario.name(), &rows));
+        for (seed, own) in (args.from..).zip(rows.chunks(1)).filter(|_| args.each) {
             println!("{}", row(&format!("seed {seed}"), own));
         }
     }
 }
 
-fn score(rig: &Rig, scenario: Scenario, seed: u64, seconds: f64) -> Score {
-    let stream = Recipe { scenario, seed, seconds, knocks: vec![] }.draw(rig);
-    Score::of(&Tracked::of(&stream), &stream, SETTLED_S, seconds - 0.2)
+fn of_stream(rig: &Rig, scenario: Scenario, seed: u64, args: &Args) -> Row {
+    let stream = Recipe { scenario, seed, seconds: args.seconds, knocks: vec![] }.draw(rig);
+    let tracked = Tracked::tuned(&stream, &tuning(args));
+    let score = Score::of(&tracked, &stream, SETTLED_S, args.seconds - 0.2);
+    let bounds_um = if args.no_bound { vec![] } else { bounds_um(&stream, &tracked, args.seconds - 0.2) };
+    Row { score, bounds_um }
 }
 
-fn row(name: &str, scores: &[Score]) -> String {
+fn tuning(args: &Args) -> Tuning {
+    let mut tuning = Tuning::default();
+    for pair in &args.set {
+        let (key, value) = pair.split_once('=').expect("--set KEY=VALUE");
+        let value = value.parse().expect("a number behind =");
+        tuning.set(key, value).unwrap_or_else(|problem| panic!("--set {pair}: {problem}"));
+    }
+    tuning
+}
+
+/// Bounds at some of the instants at which a tip in the eye is measured.
+fn bounds_um(stream: &Stream, tracked: &Tracked, until_s: f64) -> Vec<f64> {
+    let mut bounds = Vec::new();
+    for instrument in 0..INSTRUMENTS {
+        let mut bound = TipBound::new(stream, instrument);
+        let scored = tracked.measured_s(stream, instrument, SETTLED_S, until_s);
+        bounds.extend(
+            scored.iter().step_by((scored.len() / INSTANTS).max(1)).filter_map(|t_s| bound.at_um(*t_s)),
+        );
+    }
+    bounds
+}
+
+fn row(name: &str, rows: &[Row]) -> String {
+    let scores: Vec<&Score> = rows.iter().map(|r| &r.score).collect();
+    let bounds: Vec<f64> = rows.iter().flat_map(|r| r.bounds_um.iter().copied()).collect();
+    let tips: Vec<f64> = scores.iter().flat_map(|s| s.tips_um.iter().copied()).collect();
+    let bound = match bounds.is_empty() {
+        true => "– | –".into(),
+        false => format!("{:.1} | {:.2}", rms(&bounds), rms(&tips) / rms(&bounds)),
+    };
     let column = |of: fn(&Score) -> &Vec<f64>, digits: usize| {
         let all: Vec<f64> = scores.iter().flat_map(|s| of(s).iter().copied()).collect();
         let each = scores.iter().map(|s| rms(of(s)));
@@ -54,10 +114,10 @@ fn row(name: &str, scores: &[Score]) -> String {
         format!("{:.digits$} ({low:.digits$}–{high:.digits$})", rms(&all))
     };
     let [measured, wanted] =
-        [|s: &Score| s.measured, |s: &Score| s.wanted].map(|of| scores.iter().map(of).sum::<usize>());
-    let least = scores.iter().map(Score::coverage).fold(1.0, f64::min);
+        [|s: &Score| s.measured, |s: &Score| s.wanted].map(|of| scores.iter().map(|s| of(s)).sum::<usize>());
+    let least = scores.iter().map(|s| s.coverage()).fold(1.0, f64::min);
     format!(
-        "| {name} | {} | {} | {} | {:.4} ({least:.4}) | {} |",
+        "| {name} | {} | {bound} | {} | {} | {:.4} ({least:.4}) | {} |",
         column(|s| &s.tips_um, 1),
         column(|s| &s.shown_um, 0),
         column(|s| &s.eye_mrad, 2),

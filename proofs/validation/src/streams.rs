@@ -16,6 +16,7 @@
 //!
 //! A camera can be [`Knock`]ed at any instant; the rig that is told stays as it was.
 
+pub mod bound;
 mod imaging;
 pub mod lasting;
 pub mod motion;
@@ -138,8 +139,9 @@ struct Sighting {
     markers: [u32; BODIES],
 }
 
-/// Fields whose exposures lie so long before an instant, and so long after it, count as of that instant, s.
-const SEEN_WITHIN_S: [f64; 2] = [0.0205, 0.0005];
+/// Fields whose exposures lie a period and so long before an instant, or so long after it, count as of that
+/// instant, s.
+const SEEN_WITHIN_S: f64 = 0.0005;
 
 impl Stream {
     /// Exposures of which a frame is due: those of the first camera, or of another where that has none.
@@ -150,8 +152,9 @@ impl Stream {
 
     /// How many markers of a body two cameras saw at an instant.
     pub fn markers_seen(&self, body: usize, t_s: f64) -> u32 {
-        let first = self.sightings.partition_point(|s| s.exposed_s < t_s - SEEN_WITHIN_S[0]);
-        let near = self.sightings[first..].iter().take_while(|s| s.exposed_s <= t_s + SEEN_WITHIN_S[1]);
+        let period_s = self.rig.field_period_ns() as f64 * 1e-9;
+        let first = self.sightings.partition_point(|s| s.exposed_s < t_s - period_s - SEEN_WITHIN_S);
+        let near = self.sightings[first..].iter().take_while(|s| s.exposed_s <= t_s + SEEN_WITHIN_S);
         let mut by_camera = [0; MAX_CAMERAS];
         for sighting in near {
             by_camera[sighting.camera as usize] |= sighting.markers[body];
@@ -161,10 +164,17 @@ impl Stream {
     }
 }
 
+/// A rig whose cameras are as many times faster as `hz` is than its own rate: exposure, lines and all.
+pub fn rig_at(rig: &Rig, hz: f64) -> Rig {
+    let scale = rig.field_hz / hz;
+    let scaled = |ns: u64| ((ns as f64 * scale) as u64).max(1);
+    Rig { field_hz: hz, line_ns: scaled(rig.line_ns), exposure_ns: scaled(rig.exposure_ns), ..rig.clone() }
+}
+
 /// First exposure, ns.
 const BEGIN_NS: f64 = 47e6;
-/// From the middle of an exposure to the arrival of the blobs, ns.
-const DELAY_NS: (f64, f64) = (24.0e6, 24.4e6);
+/// From the last line of a field to the arrival of its blobs, in periods of fields.
+const DELAY: (f64, f64) = (0.1784, 0.1984);
 /// Jitter of exposures, ns.
 const JITTER_NS: f64 = 45e3;
 
@@ -247,6 +257,7 @@ impl Recipe {
         let failing = rig.cameras[Random::new(self.seed, 1).below(rig.cameras.len())].id;
         let period = rig.field_period_ns() as f64;
         let count = (self.seconds * 1e9 / period) as u64;
+        let delay = [DELAY.0, DELAY.1].map(|share| rig.read_out_ns() as f64 + share * period);
         let (mut fields, mut sightings) = (Vec::new(), Vec::new());
         for (n, camera) in rig.cameras().iter().enumerate() {
             let mut random = Random::new(self.seed, 100 + u64::from(camera.id));
@@ -261,7 +272,7 @@ impl Recipe {
             for field in 0..count {
                 let exposed = BEGIN_NS + phase + period * rate * field as f64 + JITTER_NS * random.normal();
                 let lost = losses.has(field, &mut random);
-                let arrives = exposed + random.between(DELAY_NS.0, DELAY_NS.1);
+                let arrives = exposed + random.between(delay[0], delay[1]);
                 let late_s = match exposure {
                     Exposure::Late(id, late_s) if id == camera.id => late_s,
                     _ => 0.0,

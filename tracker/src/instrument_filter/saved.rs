@@ -3,7 +3,7 @@
 use super::{InstrumentFilter, N, Pivot};
 use crate::checkpoint::{CheckpointError, Done, Loader, Saver};
 use crate::pose_math::Matrix6;
-use crate::tuning::Tuning;
+use crate::rig_model::BodyModel;
 use nalgebra::{Isometry3, Vector3};
 
 impl InstrumentFilter {
@@ -11,7 +11,7 @@ impl InstrumentFilter {
     pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
         let InstrumentFilter { vectors, roll_rate, roll_acceleration, roll_tremor, rotation, .. } = self;
         let InstrumentFilter { pivot, tremor_variance, roll_tremor_variance, voluntary_variance, .. } = self;
-        let InstrumentFilter { nis_ratio, covariance, time_ns, tuning: _, .. } = self;
+        let InstrumentFilter { nis_ratio, covariance, time_ns, tuning: _, nis_gain: _, .. } = self;
         out.put(time_ns)?;
         out.rotation(rotation)?;
         out.numbers(vectors.iter().flatten())?;
@@ -23,10 +23,10 @@ impl InstrumentFilter {
     }
 
     /// The filter that was saved.
-    pub(crate) fn load(tuning: Tuning, from: &mut Loader<'_>) -> Result<Self, CheckpointError> {
+    pub(crate) fn load(model: &BodyModel, from: &mut Loader<'_>) -> Result<Self, CheckpointError> {
         let time_ns = from.count()?;
         let pivot = Pivot { position: Vector3::zeros(), sigma: 0.0, tracked: false };
-        let mut filter = Self::new(&Isometry3::identity(), &Matrix6::zeros(), Some(pivot), time_ns, tuning);
+        let mut filter = Self::new(&Isometry3::identity(), &Matrix6::zeros(), Some(pivot), time_ns, model);
         filter.rotation = from.rotation()?;
         from.numbers(filter.vectors.iter_mut().flatten())?;
         let InstrumentFilter { roll_rate, roll_acceleration, voluntary_variance, nis_ratio, .. } =

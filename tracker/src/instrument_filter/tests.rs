@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::adverse::{Adverse, STEPS, Seen};
+use crate::rig_model::RigModel;
 use proptest::prelude::*;
 
 const FIELD_NS: u64 = 20_000_000;
@@ -17,14 +18,12 @@ fn through(tip: Vector3<f64>) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::from(tip), rotation)
 }
 
+fn model() -> BodyModel {
+    RigModel::new(&rig::Rig::load_or_shipped(None).unwrap()).bodies[0].clone()
+}
+
 fn filter(tip: Vector3<f64>) -> InstrumentFilter {
-    InstrumentFilter::new(
-        &through(tip),
-        &(Matrix6::identity() * 1e-4),
-        Some(pivot()),
-        FIELD_NS,
-        Tuning::default(),
-    )
+    InstrumentFilter::new(&through(tip), &(Matrix6::identity() * 1e-4), Some(pivot()), FIELD_NS, &model())
 }
 
 /// Measures a pose with the covariance `noise`.
@@ -71,7 +70,7 @@ fn a_trocar_that_comes_into_sight_does_not_jerk_the_shaft() {
         &(Matrix6::identity() * 1e-4),
         None,
         FIELD_NS,
-        Tuning::default(),
+        &model(),
     );
     let before = f.pose();
     f.predict(FIELD_NS + 1_000, Some(pivot()));

@@ -16,7 +16,7 @@ fn rms_um(tip: impl Fn(f64) -> Vector3<f64>) -> f64 {
         let mut body = BodyState::zeroed();
         body.world_from_body = Pose { position_mm: tip(t).into(), ..Pose::IDENTITY };
         body.validity = Validity::Measured as u32;
-        predictor.observe(k * FIELD_PERIOD_NS, true, |dt| tip(t + dt));
+        predictor.observe(k * FIELD_PERIOD_NS, FIELD_PERIOD_NS, true, |dt| tip(t + dt));
         predictor.write_to(k * FIELD_PERIOD_NS, |dt| tip(t + dt.min(0.0)), &mut body.predictor);
         if k > 100 {
             let ahead = Vector3::from(predict_body(&body, 0.055).world_from_body.position_mm);
@@ -47,10 +47,10 @@ fn a_gap_starts_a_new_sequence_and_keeps_the_weights() {
     let mut predictor = TipPredictor::default();
     let tip = |t: f64| Vector3::new(0.1 * (60.0 * t).sin(), 0.0, 0.0);
     for k in 1..60u64 {
-        predictor.observe(k * FIELD_PERIOD_NS, true, |dt| tip(k as f64 * 0.02 + dt));
+        predictor.observe(k * FIELD_PERIOD_NS, FIELD_PERIOD_NS, true, |dt| tip(k as f64 * 0.02 + dt));
     }
     let learnt = predictor.short.clone();
-    predictor.observe(5_000_000_000, true, |_| Vector3::new(7.0, 0.0, 0.0));
+    predictor.observe(5_000_000_000, FIELD_PERIOD_NS, true, |_| Vector3::new(7.0, 0.0, 0.0));
     assert!(predictor.ahead().is_none(), "nothing is known of the new movement yet");
     let step = [Vector3::new(0.01, 0.0, 0.0); SHORT];
     assert_eq!(predictor.short.predict(&step), learnt.predict(&step));
@@ -61,7 +61,7 @@ fn a_missing_field_is_filled_in() {
     let tip = |t: f64| Vector3::new(3.0 * t, 0.0, 0.0);
     let mut predictor = TipPredictor::default();
     for k in (1..60u64).filter(|k| k % 7 != 0) {
-        predictor.observe(k * FIELD_PERIOD_NS, true, |dt| tip(k as f64 * 0.02 + dt));
+        predictor.observe(k * FIELD_PERIOD_NS, FIELD_PERIOD_NS, true, |dt| tip(k as f64 * 0.02 + dt));
     }
     let bends: [Vector3<f64>; LONG] = predictor.bends();
     assert!(bends.iter().all(|s| s.x.abs() < 1e-12), "{bends:?}");
@@ -85,7 +85,7 @@ fn endures(movement: Adverse) {
         }
         let later = |dt: f64| movement.at((n as f64 + dt / 0.02).round() as u64).0;
         let exposed_ns = (n + 1) * FIELD_PERIOD_NS;
-        predictor.observe(exposed_ns, seen != Seen::Nothing, |dt| later(dt.min(0.0)));
+        predictor.observe(exposed_ns, FIELD_PERIOD_NS, seen != Seen::Nothing, |dt| later(dt.min(0.0)));
         assert!(!predictor.recover(), "{movement:?}: began anew at field {n}");
     }
     let [first, second] = rms_um.map(|sum| (sum / (STEPS / 2) as f64).sqrt());
@@ -116,7 +116,9 @@ fn what_is_not_finite_begins_anew_and_predicts_again() {
     let mut predictor = TipPredictor::default();
     let observe = |predictor: &mut TipPredictor, n: u64, broken: bool| {
         let shift = if broken { f64::NAN } else { 0.0 };
-        predictor.observe(n * FIELD_PERIOD_NS, true, |_| Adverse::OneCamera.at(n).0.add_scalar(shift));
+        predictor.observe(n * FIELD_PERIOD_NS, FIELD_PERIOD_NS, true, |_| {
+            Adverse::OneCamera.at(n).0.add_scalar(shift)
+        });
     };
     (1..100).for_each(|n| observe(&mut predictor, n, false));
     assert!(!predictor.recover() && predictor.ahead().is_some());

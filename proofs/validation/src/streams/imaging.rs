@@ -12,7 +12,7 @@ use rig::{BodyType, Rig};
 use std::f64::consts::PI;
 
 /// Standard deviation of a column and of a frame's line for an area of 1 px of the field, px.
-const NOISE_PX: [f64; 2] = [0.61, 1.23];
+pub(super) const NOISE_PX: [f64; 2] = [0.61, 1.23];
 /// Relative noise of an area.
 const AREA_NOISE: f64 = 0.012;
 /// Points of a disc by which hidden parts are found.

@@ -46,9 +46,59 @@ fn vector(waves: &[Waves; 3], t_s: f64) -> Vector3<f64> {
     Vector3::from_fn(|i, _| waves[i].at(t_s))
 }
 
+/// What waves are drawn from.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spectrum {
+    /// Where their power lies evenly, Hz.
+    pub band_hz: [f64; 2],
+    /// Root mean square of an axis.
+    pub rms: f64,
+}
+
+/// Spectra of a hand, each of every axis.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spectra {
+    /// Of the tip, mm: what is wanted, and tremor.
+    pub tip: [Spectrum; 2],
+    /// Of the point of the shaft in the trocar, mm.
+    pub play: Spectrum,
+    /// Of the roll, rad.
+    pub roll: Spectrum,
+}
+
+/// What the pose of an instrument follows from, at an instant.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Held {
+    /// Tip where it is not withdrawn, and point of the shaft in the trocar, mm.
+    pub tip: Vector3<f64>,
+    pub pivot: Vector3<f64>,
+    /// Turn about the shaft, rad.
+    pub roll: f64,
+    /// From 0 to 1: out of the eye.
+    out: f64,
+}
+
+impl Held {
+    /// `world_from_body`, and whether the tip is in the eye.
+    pub fn pose(&self) -> (Isometry3<f64>, bool) {
+        let outward = self.pivot - self.tip;
+        let z = outward.normalize();
+        let x = (Vector3::x() - z * z.x).normalize();
+        let turn = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, z.cross(&x), z]))
+            * Rotation3::from_axis_angle(&Vector3::z_axis(), self.roll);
+        let withdrawn = (outward.norm() + OUTSIDE_MM) * self.out;
+        let pose = Isometry3::from_parts(
+            Translation3::from(self.tip + z * withdrawn),
+            UnitQuaternion::from_rotation_matrix(&turn),
+        );
+        (pose, withdrawn < outward.norm() - AT_TROCAR_MM)
+    }
+}
+
 /// A hand with its instrument.
 #[derive(Debug, Clone)]
 struct Hand {
+    spectra: Spectra,
     trocar: Vector3<f64>,
     centre: Vector3<f64>,
     wanted: [Waves; 3],
@@ -67,6 +117,10 @@ pub struct Motion {
     period_s: Option<f64>,
 }
 
+/// Root mean square of what is wanted of a tip, an axis, mm.
+const WANTED_MM: f64 = 1.9;
+/// Band of a roll, Hz.
+const ROLL_HZ: [f64; 2] = [0.06, 0.3];
 /// Depth of a tip outside of the trocar, mm.
 const OUTSIDE_MM: f64 = 4.0;
 /// Time to take an instrument out or put it in, s.
@@ -111,13 +165,23 @@ impl Motion {
         self.period_s.is_some()
     }
 
+    /// What the pose of an instrument follows from, at an instant.
+    pub(super) fn held(&self, instrument: usize, t_s: f64) -> Held {
+        self.hands[instrument].at(&Rotation3::new(vector(&self.eye, t_s)), t_s)
+    }
+
+    /// What the motion of an instrument is drawn from.
+    pub(super) fn spectra(&self, instrument: usize) -> &Spectra {
+        &self.hands[instrument].spectra
+    }
+
     /// Everything at an instant.
     pub fn at(&self, t_s: f64) -> Placed {
         let t_s = self.period_s.map_or(t_s, |period| t_s.rem_euclid(period));
         let eye = Rotation3::new(vector(&self.eye, t_s));
         let mut placed = Placed { bodies: [Isometry3::identity(); BODIES], present: [true; BODIES] };
         for (i, hand) in self.hands.iter().enumerate() {
-            (placed.bodies[i], placed.present[i]) = hand.at(&eye, t_s);
+            (placed.bodies[i], placed.present[i]) = hand.at(&eye, t_s).pose();
         }
         placed.bodies[INSTRUMENTS].rotation = UnitQuaternion::from_rotation_matrix(&eye);
         placed
@@ -139,19 +203,29 @@ impl Hand {
         let three = |count, band, rms: f64, random: &mut Random| {
             std::array::from_fn(|_| Waves::draw(count, band, rms, random))
         };
-        Hand {
+        let (wanted, play) = ([0.06, 0.45], [0.1, 0.7]);
+        let spectrum = |band_hz, rms| Spectrum { band_hz, rms };
+        let mut hand = Hand {
+            spectra: Spectra {
+                tip: [spectrum(wanted, WANTED_MM * moves), spectrum(band, tremor_mm)],
+                play: spectrum(play, moves * sigma / 1.5),
+                roll: spectrum(ROLL_HZ, 0.0),
+            },
             trocar: trocar.into(),
             centre: Vector3::new(
                 side * random.between(0.5, 2.0),
                 random.between(-1.0, 2.0),
                 random.between(-5.0, -3.0),
             ),
-            wanted: three(4, [0.06, 0.45], 1.9 * moves, random),
+            wanted: three(4, wanted, WANTED_MM * moves, random),
             tremor: three(24, band, tremor_mm, random),
-            play: three(3, [0.1, 0.7], moves * sigma / 1.5, random),
-            roll: Waves::draw(3, [0.06, 0.3], moves * random.between(0.3, 0.6), random),
+            play: three(3, play, moves * sigma / 1.5, random),
+            roll: Waves(Vec::new()),
             out_s: None,
-        }
+        };
+        hand.spectra.roll.rms = moves * random.between(0.3, 0.6);
+        hand.roll = Waves::draw(3, ROLL_HZ, hand.spectra.roll.rms, random);
+        hand
     }
 
     fn waves(&mut self) -> impl Iterator<Item = &mut Waves> {
@@ -159,24 +233,16 @@ impl Hand {
         vectors.chain([&mut self.roll])
     }
 
-    /// Its pose, and whether its tip is in the eye.
-    fn at(&self, eye: &Rotation3<f64>, t_s: f64) -> (Isometry3<f64>, bool) {
-        let tip = self.centre + vector(&self.wanted, t_s) + vector(&self.tremor, t_s);
-        let pivot = eye * self.trocar + vector(&self.play, t_s);
-        let outward = pivot - tip;
-        let z = outward.normalize();
-        let x = (Vector3::x() - z * z.x).normalize();
-        let turn = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, z.cross(&x), z]))
-            * Rotation3::from_axis_angle(&Vector3::z_axis(), self.roll.at(t_s));
+    fn at(&self, eye: &Rotation3<f64>, t_s: f64) -> Held {
         let out = self.out_s.map_or(0.0, |[from, to]| {
             smooth((t_s - from) / WITHDRAWN_S).min(1.0 - smooth((t_s - to) / WITHDRAWN_S))
         });
-        let withdrawn = (outward.norm() + OUTSIDE_MM) * out;
-        let pose = Isometry3::from_parts(
-            Translation3::from(tip + z * withdrawn),
-            UnitQuaternion::from_rotation_matrix(&turn),
-        );
-        (pose, withdrawn < outward.norm() - AT_TROCAR_MM)
+        Held {
+            tip: self.centre + vector(&self.wanted, t_s) + vector(&self.tremor, t_s),
+            pivot: eye * self.trocar + vector(&self.play, t_s),
+            roll: self.roll.at(t_s),
+            out,
+        }
     }
 }
 

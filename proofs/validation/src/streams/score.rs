@@ -9,6 +9,7 @@ use protocol::predict::predict;
 use tracker::Tracker;
 use tracker::assembler::FrameAssembler;
 use tracker::camera_watch::Notice;
+use tracker::tuning::Tuning;
 
 /// What the tracker made of a stream.
 #[derive(Default)]
@@ -24,7 +25,13 @@ pub struct Tracked {
 impl Tracked {
     /// Tracks a stream on its own clock.
     pub fn of(stream: &Stream) -> Self {
-        let (mut assembler, mut tracker) = (FrameAssembler::new(&stream.rig), Tracker::new(&stream.rig));
+        Self::tuned(stream, &Tuning::default())
+    }
+
+    /// As [`Tracked::of`], with other constants of the tracker.
+    pub fn tuned(stream: &Stream, tuning: &Tuning) -> Self {
+        let mut assembler = FrameAssembler::new(&stream.rig);
+        let mut tracker = Tracker::tuned(&stream.rig, true, tuning);
         let mut tracked = Tracked::default();
         for field in &stream.fields {
             assembler.add(field, field.blobs_out_ns, |used, closed| {
@@ -36,6 +43,17 @@ impl Tracked {
             });
         }
         tracked
+    }
+
+    /// Instants in `from..to` at which an instrument in the eye was measured, s: those whose tips are scored.
+    pub fn measured_s(&self, stream: &Stream, instrument: usize, from: f64, to: f64) -> Vec<f64> {
+        let measured = |f: &&TrackerFrame| f.bodies[instrument].validity() == Validity::Measured;
+        let instants = self.frames.iter().filter(measured).map(|f| f.instants.exposed as f64 * 1e-9);
+        let scored = |t_s: &f64| {
+            let there = stream.motion.at(*t_s).present[instrument];
+            (from..to).contains(t_s) && there && stream.markers_seen(instrument, *t_s) >= 2
+        };
+        instants.filter(scored).collect()
     }
 
     /// Adds a frame that was there at `out_ns`.

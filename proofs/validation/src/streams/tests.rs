@@ -1,5 +1,6 @@
 //! Drawn streams, and what the tracker makes of them where cameras were moved.
 
+use super::bound::TipBound;
 use super::*;
 use nalgebra::Vector3;
 use score::{Score, Tracked, rms};
@@ -56,6 +57,32 @@ fn the_tracker_finds_what_was_drawn_and_blames_no_camera() {
         assert!(score.coverage() == 1.0, "{scenario:?}: {}", score.coverage());
         assert_eq!(tracked.notices, []);
     }
+}
+
+#[test]
+fn at_every_rate_tips_are_near_the_bound_and_shown_no_worse_than_at_50_hz() {
+    let shipped = Rig::load_or_shipped(None).unwrap();
+    let mut shown_um = Vec::new();
+    // Limits of the ratio: a tenth above that of four seeds of ten seconds.
+    for (hz, limit) in [(50.0, 1.35), (100.0, 1.48), (200.0, 1.65), (500.0, 1.92)] {
+        let stream = recipe(Scenario::Nominal, 1).draw(&rig_at(&shipped, hz));
+        let tracked = Tracked::of(&stream);
+        let score = Score::of(&tracked, &stream, 0.5, 3.9);
+        let mut bound = TipBound::new(&stream, 0);
+        let instants = tracked.measured_s(&stream, 0, 0.5, 3.9);
+        let bounds: Vec<f64> =
+            instants.iter().step_by(instants.len() / 20).filter_map(|t_s| bound.at_um(*t_s)).collect();
+        let ratio = rms(&score.tips_um) / rms(&bounds);
+        println!(
+            "{hz} Hz: {} tips, {ratio} of the bound, shown {} µm",
+            score.tips_um.len(),
+            rms(&score.shown_um)
+        );
+        assert!(bounds.len() >= 20 && (1.0..limit).contains(&ratio), "{hz} Hz: {ratio}");
+        assert!(score.coverage() == 1.0 && tracked.notices.is_empty(), "{hz} Hz");
+        shown_um.push(rms(&score.shown_um));
+    }
+    assert!(shown_um.iter().all(|um| *um <= shown_um[0]), "{shown_um:?}");
 }
 
 /// A turn or shift that moves the picture of a camera by about so many pixels.
