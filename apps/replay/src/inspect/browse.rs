@@ -177,8 +177,8 @@ impl Browser {
             Move::Forward => self.at = (self.at + 1).min(last),
             Move::SecondBack => self.by_a_second(false),
             Move::SecondForward => self.by_a_second(true),
-            Move::ConspicuousBack => self.to_conspicuous(false),
-            Move::ConspicuousForward => self.to_conspicuous(true),
+            Move::ConspicuousBack => self.go_to_conspicuous(false),
+            Move::ConspicuousForward => self.go_to_conspicuous(true),
             Move::Start => self.at = 0,
             Move::End => self.at = last,
             Move::GoTo => self.typed = Some(String::new()),
@@ -205,7 +205,7 @@ impl Browser {
     }
 
     /// To the next frame, or that before, where a conspicuous stretch begins.
-    fn to_conspicuous(&mut self, forward: bool) {
+    fn go_to_conspicuous(&mut self, forward: bool) {
         let begins = |n: &usize| {
             let is = |n: usize| self.marks[n].conspicuous;
             is(*n) && n.checked_sub(1).is_none_or(|before| !is(before))
