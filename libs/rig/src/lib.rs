@@ -427,6 +427,30 @@ mod tests {
     }
 
     #[test]
+    fn the_page_lists_every_key() {
+        fn keys(value: &serde_json::Value, found: &mut Vec<String>) {
+            match value {
+                serde_json::Value::Object(map) => map.iter().for_each(|(key, value)| {
+                    found.push(key.clone());
+                    keys(value, found);
+                }),
+                serde_json::Value::Array(list) => list.iter().for_each(|value| keys(value, found)),
+                _ => {}
+            }
+        }
+        let page = include_str!("../../../docs/rig.md");
+        let mut found = Vec::new();
+        keys(&serde_json::from_str(SHIPPED).unwrap(), &mut found);
+        found.sort();
+        found.dedup();
+        assert_eq!(found.len(), 37, "{found:?}");
+        for key in found {
+            let named = [format!("`{key}`"), format!(".{key}`")].iter().any(|name| page.contains(name));
+            assert!(named, "docs/rig.md lacks {key}");
+        }
+    }
+
+    #[test]
     fn defects_are_named() {
         let cases = [
             ("\"unit\": \"mm\"", "\"unit\": \"inch\"", "unit"),

@@ -335,6 +335,36 @@ mod tests {
     const LINE: &str = r#"{"cam":1,"seq":7,"t_ns":48051108,"t_rx_ns":72069517,"parity":1,"blobs":[{"x":334.0381,"y":31.5307,"area":185.8,"colour":"red","w":20.5,"h":11.2},{"x":2.5,"y":1.0,"area":9.0,"colour":"white","w":3.0,"h":3.0,"var_x":0.01,"var_y":0.02,"cov_xy":-0.001,"flags":2}]}"#;
 
     #[test]
+    fn the_page_lists_every_key_and_its_example_is_a_line() {
+        let page = include_str!("../../../../docs/blob-stream.md");
+        let whole = Blob {
+            var_x_px2: 0.01,
+            var_y_px2: 0.02,
+            cov_xy_px2: 0.001,
+            flags: 1,
+            ..parse_line(LINE, "b.jsonl", 1).unwrap().blobs()[0]
+        };
+        let line = serde_json::to_value(FieldLine {
+            cam: 0,
+            seq: 1,
+            t_ns: 2,
+            t_rx_ns: 3,
+            parity: 0,
+            blobs: vec![BlobLine::from_blob(&whole).unwrap()],
+        });
+        let line = line.unwrap();
+        let keys = |value: &serde_json::Value| value.as_object().unwrap().keys().cloned().collect::<Vec<_>>();
+        let all = [keys(&line), keys(&line["blobs"][0])].concat();
+        assert_eq!(all.len(), 16);
+        for key in all {
+            assert!(page.contains(&format!("| `{key}` |")), "docs/blob-stream.md lacks {key}");
+        }
+        let example = page.lines().map(str::trim).find(|line| line.starts_with('{')).unwrap();
+        let field = parse_line(example, "docs/blob-stream.md", 1).unwrap();
+        assert_eq!((field.count, field.blobs()[0].colour), (1, Colour::Red as u32));
+    }
+
+    #[test]
     fn line_is_read_and_written_back_the_same() {
         let field = parse_line(LINE, "b.jsonl", 1).unwrap();
         assert_eq!((field.camera, field.field, field.parity, field.count), (1, 7, 1, 2));
