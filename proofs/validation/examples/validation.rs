@@ -13,7 +13,7 @@ use validation::closed_form::plot::CasePlot;
 
 fn main() -> ExitCode {
     let mut arguments = std::env::args().skip(1);
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let folder = arguments.next().map_or_else(|| root.join("docs/validation"), PathBuf::from);
     let names: Vec<String> = arguments.collect();
     let text = std::fs::read_to_string(root.join("tests/data/analytic/reference.json"));
