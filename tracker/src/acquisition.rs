@@ -67,7 +67,7 @@ impl AcquisitionInput<'_> {
     fn is_recent(&self, field: &FieldObservation) -> bool {
         self.cameras & (1 << field.camera) != 0
             && field.exposed_ns > 0
-            && self.time_ns.abs_diff(field.exposed_ns) <= self.rig.pace.acquisition_ns
+            && self.time_ns.abs_diff(field.exposed_ns) <= self.rig.at_rate.acquisition_ns
     }
 }
 

@@ -20,6 +20,7 @@ use crate::associate::{AssociationInput, PredictedBody};
 use crate::constants as k;
 use crate::pose_math::{Matrix6, Vector6};
 use crate::projection::{camera_jacobian, moved_camera};
+use crate::rate_constants::RateConstants;
 use crate::rig_model::RigModel;
 pub use evidence::BodyUpdate;
 use evidence::Evidence;
@@ -187,7 +188,7 @@ impl CameraWatch {
             estimated: 0,
             trial: None,
             quiet_until_ns: 0,
-            together_ns: rig.pace.together_ns,
+            together_ns: rig.at_rate.together_ns,
             notices: VecDeque::with_capacity(NOTICES),
             newly_left_out: 0,
         }
@@ -253,8 +254,7 @@ impl CameraWatch {
             let px = if most { None } else { jump::of_field(input, field, predicted) };
             self.jumps[field.camera] = px.map(|px| Jump { at_ns: input.time_ns, px });
         }
-        let fields = |at_50_hz| u32::try_from(input.rig.pace.fields(at_50_hz)).unwrap_or(u32::MAX);
-        let [enough, calm_fields] = [k::KNOCK_FIELDS, k::KNOCK_CALM_FIELDS].map(fields);
+        let RateConstants { jumping_fields, calm_fields, .. } = input.rig.at_rate;
         let mut steady = input.cameras;
         for camera in members(in_use) {
             let jump = self.jumps[camera].filter(|_| self.jumped_alone(camera, input.time_ns));
@@ -263,7 +263,7 @@ impl CameraWatch {
             }
             self.states[camera] = self.states[camera].after(jump.is_some(), calm_fields);
             match (self.states[camera], jump) {
-                (State::Suspected { jumped, .. }, Some(jump)) if jumped >= enough => {
+                (State::Suspected { jumped, .. }, Some(jump)) if jumped >= jumping_fields => {
                     self.accuse(camera, jump.px, input.time_ns);
                 }
                 _ => {}
@@ -275,8 +275,9 @@ impl CameraWatch {
     /// Set of the left-out cameras that are tracked with a provisional pose, because fewer than two others
     /// send fields.
     fn provisional(&self, input: &AssociationInput<'_>) -> u32 {
-        let sends =
-            |c: &usize| input.time_ns.saturating_sub(input.fields[*c].exposed_ns) < input.rig.pace.silent_ns;
+        let sends = |c: &usize| {
+            input.time_ns.saturating_sub(input.fields[*c].exposed_ns) < input.rig.at_rate.silent_ns
+        };
         if !self.may_place(input.time_ns) || members(self.in_use()).filter(sends).count() >= 2 {
             return 0;
         }
@@ -392,7 +393,7 @@ impl CameraWatch {
     ) -> Option<Camera> {
         let State::LeftOut { since_ns } = self.states[camera] else { return None };
         let since_ns = input.time_ns.saturating_sub(since_ns);
-        if since_ns < k::RESECTION_AFTER_NS || !input.rig.pace.looks_at_rig(input.time_ns) {
+        if since_ns < k::RESECTION_AFTER_NS || !input.rig.at_rate.looks_at_rig(input.time_ns) {
             return None;
         }
         let may_place = self.may_place(input.time_ns);

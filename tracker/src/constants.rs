@@ -115,7 +115,7 @@ pub const EYE_CENTRE_MM: f64 = 1e-4;
 /// 0.1 ms.
 pub const GROUP_NS: u64 = 1_000_000;
 /// Greatest age of a field used for acquisition, in quarters of a period (of 20 ms at least; see
-/// [`crate::pace`], also for the others).
+/// [`crate::rate_constants`], also for the others).
 pub const ACQUISITION_QUARTERS: u64 = 5;
 /// Time after its last blob for which a camera counts as seeing a body.
 pub const SEEN_QUARTERS: u64 = 6;
@@ -210,13 +210,13 @@ pub const KNOCK_AGREES_PX: f64 = 1.0;
 /// Weight of a blob in that turn and shift, px⁻²: a standard deviation of 0.2 px.
 pub const KNOCK_WEIGHT: f64 = 25.0;
 /// Fields of a camera that jump in a row after which it is left out; this and the other numbers of fields and
-/// gains are those at 50 Hz (see [`crate::pace`]).
-pub const KNOCK_FIELDS: u64 = 5;
+/// gains are those at 50 Hz (see [`crate::rate_constants`]).
+pub const KNOCK_FIELDS: u32 = 5;
 /// Time within which jumps of two cameras show a wrong prediction and not a moved camera, in quarters of a
 /// period.
 pub const KNOCK_TOGETHER_QUARTERS: u64 = 5;
 /// Fields without a jump after which a suspected camera is trusted.
-pub const KNOCK_CALM_FIELDS: u64 = 3;
+pub const KNOCK_CALM_FIELDS: u32 = 3;
 /// Time constant of the evidence about a camera, ns: a shorter one misses small shifts.
 pub const KNOCK_MEMORY_NS: f64 = 0.3e9;
 /// Residual of half weight in that evidence, px; smaller, and a shift of 3 px weighs less than what
@@ -259,8 +259,8 @@ pub const RESECTION_SCALE_PX: f64 = 0.5;
 /// Largest mean offset, and change of it, of the checked fields, px.
 pub const RESECTION_STEADY_PX: f64 = 0.12;
 /// Updates without the eye after which it is searched without each of the cameras.
-pub const WITHOUT_EYE_UPDATES: u64 = 6;
+pub const WITHOUT_EYE_UPDATES: u32 = 6;
 /// Updates without the eye, though two cameras see its markers, after which the cameras disagree.
-pub const DISAGREE_UPDATES: u64 = 60;
+pub const DISAGREE_UPDATES: u32 = 60;
 /// Largest reduced χ² of an eye found without a camera.
 pub const WITHOUT_CAMERA_CHI2: f64 = 9.0;

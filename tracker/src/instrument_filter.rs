@@ -102,7 +102,7 @@ impl InstrumentFilter {
             covariance: [[0.0; N]; N],
             time_ns,
             tuning,
-            nis_gain: model.pace.gain(k::NIS_RATIO_GAIN),
+            nis_gain: model.at_rate.nis_ratio_gain,
         };
         filter.vectors[0] = tip;
         filter.vectors[PLAY] = axis * lever - to_pivot;

@@ -3,7 +3,7 @@
 use crate::constants as k;
 use crate::eye_filter::StartSigmas;
 use crate::motion_models::Singer;
-use crate::pace::Pace;
+use crate::rate_constants::RateConstants;
 use crate::tuning::Tuning;
 use nalgebra::{Point3, Vector3};
 use protocol::limits::{BODIES, MAX_CAMERAS, MAX_MARKERS};
@@ -61,8 +61,8 @@ pub struct BodyModel {
     pub start: StartSigmas,
     /// Constants that may be set.
     pub tuning: Tuning,
-    /// What follows from the period of the cameras.
-    pub pace: Pace,
+    /// Constants at the rate of the cameras.
+    pub at_rate: RateConstants,
 }
 
 /// Cameras and bodies of a rig.
@@ -78,8 +78,8 @@ pub struct RigModel {
     pub distinct_colours: bool,
     /// Constants that may be set.
     pub tuning: Tuning,
-    /// What follows from the period of the cameras.
-    pub pace: Pace,
+    /// Constants at the rate of the cameras.
+    pub at_rate: RateConstants,
 }
 
 impl RigModel {
@@ -97,10 +97,10 @@ impl RigModel {
                 cameras[id] = Some(camera);
             }
         }
-        let pace = Pace::new(rig);
+        let at_rate = RateConstants::new(rig);
         let bodies = std::array::from_fn(|b| {
             let body = rig.body(BODY_NAMES[b]).expect("Rig::check has seen every body");
-            let mut model = BodyModel::new(body, b == EYE, tuning, pace);
+            let mut model = BodyModel::new(body, b == EYE, tuning, at_rate);
             let trocar = rig.trocar(BODY_NAMES[b]);
             model.trocar = trocar.map(|t| TrocarModel {
                 position_in_eye: Point3::from(Vector3::from(t.p_eye)),
@@ -110,7 +110,7 @@ impl RigModel {
         });
         let distinct_colours = !share_colour(&bodies[0], &bodies[1]);
         let tip_radius = rig.workspace.tip_radius;
-        RigModel { cameras, bodies, tip_radius, distinct_colours, tuning: *tuning, pace }
+        RigModel { cameras, bodies, tip_radius, distinct_colours, tuning: *tuning, at_rate }
     }
 }
 
@@ -120,7 +120,7 @@ fn share_colour(a: &BodyModel, b: &BodyModel) -> bool {
 }
 
 impl BodyModel {
-    fn new(body: &RigBody, is_eye: bool, tuning: &Tuning, pace: Pace) -> Self {
+    fn new(body: &RigBody, is_eye: bool, tuning: &Tuning, at_rate: RateConstants) -> Self {
         let markers: Vec<Marker> = body
             .markers
             .iter()
@@ -143,7 +143,7 @@ impl BodyModel {
             motion: [Singer { sigma: 0.0, tau_s: turn.tau_s }, turn],
             start,
             tuning: *tuning,
-            pace,
+            at_rate,
         }
     }
 

@@ -8,10 +8,10 @@ use crate::constants as k;
 use crate::fit::{BlobMatch, PoseFit};
 use crate::instrument_filter::Pivot;
 use crate::observation::is_localised;
-use crate::pace::Pace;
 use crate::pose_math::Matrix6;
 use crate::predictor::TipPredictor;
 use crate::projection::{PoseMatrix, in_view_of_two};
+use crate::rate_constants::RateConstants;
 use crate::rig_model::{BodyModel, Marker, RigModel};
 use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Matrix3};
@@ -127,8 +127,8 @@ impl Track {
     }
 
     /// True if the body is lost, or two cameras have not seen it for some time.
-    pub fn needs_acquisition(&self, time_ns: u64, pace: &Pace) -> bool {
-        self.filter.is_none() || time_ns.saturating_sub(self.good_ns) > pace.acquire_after_ns
+    pub fn needs_acquisition(&self, time_ns: u64, at_rate: &RateConstants) -> bool {
+        self.filter.is_none() || time_ns.saturating_sub(self.good_ns) > at_rate.acquire_after_ns
     }
 
     /// Counts unassigned blobs near the body's markers.
@@ -160,10 +160,10 @@ impl Track {
         }
         if let Some(c) = reduced {
             let (low, high) = k::CHI2_RANGE;
-            let step = rig.pace.gain(k::CHI2_STEP);
-            self.variance_scale = (self.variance_scale + step * (c - self.variance_scale)).clamp(low, high);
+            self.variance_scale =
+                (self.variance_scale + rig.at_rate.chi2_gain * (c - self.variance_scale)).clamp(low, high);
         }
-        self.record(fit, matches, time_ns, u32::MAX, &rig.pace);
+        self.record(fit, matches, time_ns, u32::MAX, &rig.at_rate);
         true
     }
 
@@ -184,11 +184,18 @@ impl Track {
         self.variance_scale = fit.reduced_chi2().unwrap_or(1.0).clamp(low, high);
         self.good_ns = time_ns;
         self.roll_ns = time_ns;
-        self.record(fit, matches, time_ns, in_frame, &model.pace);
+        self.record(fit, matches, time_ns, in_frame, &model.at_rate);
     }
 
     /// Counts the blobs of the cameras in the set `in_frame`.
-    fn record(&mut self, fit: &PoseFit, matches: &[BlobMatch], time_ns: u64, in_frame: u32, pace: &Pace) {
+    fn record(
+        &mut self,
+        fit: &PoseFit,
+        matches: &[BlobMatch],
+        time_ns: u64,
+        in_frame: u32,
+        at_rate: &RateConstants,
+    ) {
         for m in matches.iter().filter(|m| !m.outlier) {
             self.seen_ns[m.camera] = time_ns;
             if in_frame & (1 << m.camera) != 0 {
@@ -199,7 +206,7 @@ impl Track {
         }
         self.frame.sum_squares_px2 += fit.sum_squares_px2;
         self.measured_ns = time_ns;
-        let seeing = |t: &&u64| **t > 0 && time_ns.saturating_sub(**t) <= pace.seen_ns;
+        let seeing = |t: &&u64| **t > 0 && time_ns.saturating_sub(**t) <= at_rate.seen_ns;
         let cameras = self.seen_ns.iter().filter(seeing).count();
         if cameras >= 2 {
             self.good_ns = time_ns;
@@ -234,7 +241,12 @@ impl Track {
         if let Some(filter) = self.filter.as_ref().filter(|_| !model.is_eye) {
             let since = exposed_ns.wrapping_sub(filter.time_ns()) as i64 as f64 * 1e-9;
             let tip_after = |dt: f64| filter.pose_after(since + dt).translation.vector;
-            self.predictor.observe(exposed_ns, rig.pace.period_ns, validity == Validity::Measured, tip_after);
+            self.predictor.observe(
+                exposed_ns,
+                rig.at_rate.period_ns,
+                validity == Validity::Measured,
+                tip_after,
+            );
             self.restarts += u64::from(self.predictor.recover());
             self.predictor.write_to(exposed_ns, tip_after, &mut state.predictor);
         }
@@ -258,7 +270,7 @@ impl Track {
         let rotation = trace(covariance.fixed_view::<3, 3>(3, 3).into());
         let precise =
             (model.is_eye || position < model.tuning.measured_mm) && rotation < model.tuning.measured_rad;
-        let recent = self.measured_ns.saturating_sub(self.good_ns) <= model.pace.one_camera_ns;
+        let recent = self.measured_ns.saturating_sub(self.good_ns) <= model.at_rate.one_camera_ns;
         // One marker alone may be a false blob.
         if self.frame.markers.count_ones() >= 2 && recent && precise {
             Validity::Measured

@@ -183,7 +183,7 @@ impl Tracker {
         let used = &used[..used.len().min(MAX_FIELDS_USED)];
         let mut frame = self.begin_frame(reference);
         let mut newest = None;
-        for group in groups(used, self.rig.pace.group_ns) {
+        for group in groups(used, self.rig.at_rate.group_ns) {
             match self.update(group, reference, phases) {
                 Some(update) => self.recycle(newest.replace(update)),
                 None => self.matches.note_unknown(group),
@@ -262,7 +262,7 @@ impl Tracker {
     /// Adds one body's residuals in the frame's newest update to the drift estimation, and computes
     /// a part of its solution.
     fn estimate_drift(&mut self, newest: Option<Update>, exposed_ns: u64) {
-        if let Some(drift) = self.drift.as_mut().filter(|_| self.rig.pace.looks_at_rig(exposed_ns)) {
+        if let Some(drift) = self.drift.as_mut().filter(|_| self.rig.at_rate.looks_at_rig(exposed_ns)) {
             let body = drift.next_body();
             let accepted = newest.as_ref().and_then(|update| Some((update, update.accepted[body].as_ref()?)));
             if let (Some((update, fit)), Some(filter)) = (accepted, &self.tracks[body].filter) {

@@ -3,8 +3,8 @@
 
 mod browse;
 mod field_view;
+mod frame_store;
 mod seen;
-mod shelf;
 mod time_line;
 mod window;
 
@@ -61,7 +61,7 @@ pub fn run(args: &InspectArgs) -> anyhow::Result<ExitCode> {
         (Some(_), Some(seen), _) => {
             bytes(&field_view::FieldView { seen: &seen, size_px: None, alone: None }, format)?
         }
-        (None, ..) => bytes(&time_line::Whole::from(&line), format)?,
+        (None, ..) => bytes(&time_line::TimeLinePicture::from(&line), format)?,
     };
     outputs.write(&args.output, picture)?;
     let what = args.field.map_or("residuals, NIS and status over time".into(), |n| format!("field {n}"));

@@ -234,8 +234,8 @@ impl Steps {
         }
         match self.waiting.past.jump(&mut self.world, header, state) {
             Ok(_) if self.world.state_hash() != header.state_hash => {
-                let field = header.field;
-                tracing::warn!(field, "step {}: its checkpoint is not of the state it names", header.step);
+                let (step, field) = (header.step, header.field);
+                tracing::warn!(field, "step {step}: its checkpoint is not of the state it names");
             }
             Ok(_) => {
                 self.waiting.resume = None;

@@ -20,7 +20,7 @@ const OPENING: Duration = Duration::from_millis(200);
 
 /// What a person did.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Happening {
+pub enum Event {
     /// A key was pressed, or is held down.
     Press(Key),
     /// The left button of the mouse went down, or the pointer moved with it held; px from the upper left corner.
@@ -47,7 +47,7 @@ struct State {
     problem: Option<String>,
     pointer: [f64; 2],
     held: bool,
-    happened: Vec<Happening>,
+    events_seen: Vec<Event>,
 }
 
 impl ApplicationHandler for State {
@@ -67,15 +67,15 @@ impl ApplicationHandler for State {
 
     fn window_event(&mut self, _: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
         match event {
-            WindowEvent::CloseRequested | WindowEvent::Destroyed => self.happened.push(Happening::Closed),
+            WindowEvent::CloseRequested | WindowEvent::Destroyed => self.events_seen.push(Event::Closed),
             WindowEvent::Resized(_)
             | WindowEvent::ScaleFactorChanged { .. }
             | WindowEvent::RedrawRequested => {
-                self.happened.push(Happening::Uncovered);
+                self.events_seen.push(Event::Uncovered);
             }
             WindowEvent::KeyboardInput { event, .. } if event.state == ElementState::Pressed => {
                 let PhysicalKey::Code(code) = event.physical_key else { return };
-                self.happened.extend(Key::named(&name_of(code)).map(Happening::Press));
+                self.events_seen.extend(Key::named(&name_of(code)).map(Event::Press));
             }
             WindowEvent::CursorMoved { position, .. } => {
                 self.pointer = [position.x, position.y];
@@ -94,7 +94,7 @@ impl ApplicationHandler for State {
 impl State {
     fn point(&mut self) {
         if self.held {
-            self.happened.push(Happening::Point(self.pointer));
+            self.events_seen.push(Event::Point(self.pointer));
         }
     }
 }
@@ -114,7 +114,7 @@ impl PictureWindow {
             problem: None,
             pointer: [0.0; 2],
             held: false,
-            happened: Vec::new(),
+            events_seen: Vec::new(),
         };
         let _ = events.pump_app_events(Some(OPENING), &mut state);
         let problem = state.problem.take().unwrap_or_else(|| "it opened no window".into());
@@ -131,12 +131,12 @@ impl PictureWindow {
     }
 
     /// Waits for something to happen, for at most so long, and hands on what did.
-    pub fn wait(&mut self, at_most: Duration) -> Vec<Happening> {
+    pub fn wait(&mut self, at_most: Duration) -> Vec<Event> {
         let status = self.events.pump_app_events(Some(at_most), &mut self.state);
         if matches!(status, PumpStatus::Exit(_)) {
-            self.state.happened.push(Happening::Closed);
+            self.state.events_seen.push(Event::Closed);
         }
-        std::mem::take(&mut self.state.happened)
+        std::mem::take(&mut self.state.events_seen)
     }
 
     /// Shows a picture of `size_px`, three bytes a pixel (red, green, blue). What of it does not fit the window is

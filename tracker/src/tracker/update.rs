@@ -76,7 +76,7 @@ impl Tracker {
         if let Some(drift) = self.drift.as_mut().filter(|_| newly_left_out != 0) {
             drift.roll_back(newly_left_out, &mut self.rig);
         }
-        let acquire_after_ns = self.rig.pace.acquire_after_ns;
+        let acquire_after_ns = self.rig.at_rate.acquire_after_ns;
         let fresh = |track: &Track| group.time_ns.saturating_sub(track.good_ns) <= acquire_after_ns;
         for camera in members(watch.left_out() & group.seen) {
             let bodies =
@@ -200,7 +200,7 @@ impl Tracker {
             };
             let since_ns = group.time_ns.saturating_sub(track.roll_ns);
             // One camera alone may see something else.
-            if change.cameras < 2 && since_ns < input.rig.pace.acquire_after_ns {
+            if change.cameras < 2 && since_ns < input.rig.at_rate.acquire_after_ns {
                 return false;
             }
             filter.inflate_roll_covariance(change.rad, since_ns as f64 * 1e-9);
@@ -251,7 +251,7 @@ impl Tracker {
             return None;
         }
         track.observe_roll(&self.rig.bodies[body], matches, group.time_ns);
-        let area_step = self.rig.pace.gain(k::AREA_SCALE_STEP);
+        let area_step = self.rig.at_rate.area_scale_step;
         for m in matches.iter().filter(|m| !m.outlier) {
             self.fields[m.camera].assign(m.blob);
             let scale = &mut self.area_scales[m.camera];
@@ -314,7 +314,7 @@ impl Tracker {
         for body in ORDER {
             let needs_trocar =
                 body != EYE && !self.rig.distinct_colours && self.trocar(body, &[None; BODIES]).is_none();
-            if self.tracks[body].needs_acquisition(group.time_ns, &self.rig.pace)
+            if self.tracks[body].needs_acquisition(group.time_ns, &self.rig.at_rate)
                 && !needs_trocar
                 && let Some(fit) = self.search(group, body, trusted)
             {
@@ -322,20 +322,15 @@ impl Tracker {
             }
         }
         self.without_eye = if self.tracks[EYE].filter.is_some() { 0 } else { self.without_eye + 1 };
-        if self.without_eye > 0 && self.without_eye.is_multiple_of(self.updates(k::WITHOUT_EYE_UPDATES)) {
+        if self.without_eye > 0 && self.without_eye.is_multiple_of(self.rig.at_rate.without_eye_updates) {
             self.find_eye_without_a_camera(group);
         }
-        if self.without_eye == self.updates(k::DISAGREE_UPDATES)
+        if self.without_eye == self.rig.at_rate.disagree_updates
             && self.sees_eye_markers()
             && let Some(watch) = &mut self.watch
         {
             watch.disagree(group.time_ns);
         }
-    }
-
-    /// Updates that take as long as so many do at 50 Hz.
-    fn updates(&self, at_50_hz: u64) -> u32 {
-        u32::try_from(self.rig.pace.fields(at_50_hz)).unwrap_or(u32::MAX)
     }
 
     /// True if two cameras or more see enough blobs of the eye's colours to find it.

@@ -56,7 +56,7 @@ pub fn rows() -> impl Iterator<Item = (String, &'static str)> {
 
 /// A frame, as far as one looks for it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Mark {
+pub struct FrameSummary {
     /// When it was exposed.
     pub exposed_ns: Nanos,
     /// Its field.
@@ -79,7 +79,7 @@ pub enum Order {
 /// Where the person is.
 #[derive(Debug)]
 pub struct Browser {
-    marks: Vec<Mark>,
+    frames: Vec<FrameSummary>,
     at: usize,
     cameras: usize,
     /// It goes on by itself.
@@ -96,10 +96,10 @@ pub struct Browser {
 
 impl Browser {
     /// At a frame, counted from 0, of those there are; of so many cameras.
-    pub fn new(marks: Vec<Mark>, at: usize, cameras: usize) -> Self {
-        let at = at.min(marks.len().saturating_sub(1));
+    pub fn new(frames: Vec<FrameSummary>, at: usize, cameras: usize) -> Self {
+        let at = at.min(frames.len().saturating_sub(1));
         Browser {
-            marks,
+            frames,
             at,
             cameras,
             playing: false,
@@ -117,24 +117,24 @@ impl Browser {
 
     /// Field of the frame that is shown.
     pub fn field(&self) -> u64 {
-        self.marks.get(self.at).map_or(0, |m| m.field)
+        self.frames.get(self.at).map_or(0, |m| m.field)
     }
 
     /// True where no frame comes after this one.
     pub fn is_at_end(&self) -> bool {
-        self.at + 1 >= self.marks.len()
+        self.at + 1 >= self.frames.len()
     }
 
     /// Time of a frame since the first, s.
     pub fn time_s(&self, number: usize) -> f64 {
-        let ns = |n: usize| self.marks.get(n).map_or(0, |m| m.exposed_ns);
+        let ns = |n: usize| self.frames.get(n).map_or(0, |m| m.exposed_ns);
         ns(number).saturating_sub(ns(0)) as f64 * 1e-9
     }
 
     /// Where it stands, in words.
     pub fn line(&self) -> String {
-        let field = |n: usize| self.marks.get(n).map_or(0, |m| m.field);
-        let last = self.marks.len().saturating_sub(1);
+        let field = |n: usize| self.frames.get(n).map_or(0, |m| m.field);
+        let last = self.frames.len().saturating_sub(1);
         let playing = if self.playing { "   playing" } else { "" };
         let typed = self.typed.as_ref().map_or(String::new(), |typed| format!("   go to: {typed}_"));
         let (at_s, end_s) = (self.time_s(self.at), self.time_s(last));
@@ -145,10 +145,10 @@ impl Browser {
 
     /// Goes to the frame that was exposed last at `s` after the first.
     pub fn go_to_time(&mut self, s: f64) {
-        let start = self.marks.first().map_or(0, |m| m.exposed_ns);
+        let start = self.frames.first().map_or(0, |m| m.exposed_ns);
         // Half a microsecond more, so that the time of a frame as it is written leads to it.
         let until = start.saturating_add((s.max(0.0) * 1e9) as Nanos + 500);
-        self.at = self.marks.partition_point(|m| m.exposed_ns <= until).saturating_sub(1);
+        self.at = self.frames.partition_point(|m| m.exposed_ns <= until).saturating_sub(1);
     }
 
     /// Takes a key.
@@ -171,7 +171,7 @@ impl Browser {
     }
 
     fn carry_out(&mut self, what: Move) -> Order {
-        let last = self.marks.len().saturating_sub(1);
+        let last = self.frames.len().saturating_sub(1);
         match what {
             Move::Back => self.at = self.at.saturating_sub(1),
             Move::Forward => self.at = (self.at + 1).min(last),
@@ -198,22 +198,22 @@ impl Browser {
     }
 
     fn by_a_second(&mut self, forward: bool) {
-        let now = self.marks.get(self.at).map_or(0, |m| m.exposed_ns);
+        let now = self.frames.get(self.at).map_or(0, |m| m.exposed_ns);
         let to = if forward { now.saturating_add(SECOND_NS) } else { now.saturating_sub(SECOND_NS) };
-        let last = self.marks.len().saturating_sub(1);
-        self.at = self.marks.partition_point(|m| m.exposed_ns < to).min(last);
+        let last = self.frames.len().saturating_sub(1);
+        self.at = self.frames.partition_point(|m| m.exposed_ns < to).min(last);
     }
 
     /// To the next frame, or that before, where a conspicuous stretch begins.
     fn go_to_conspicuous(&mut self, forward: bool) {
         let begins = |n: &usize| {
-            let is = |n: usize| self.marks[n].conspicuous;
+            let is = |n: usize| self.frames[n].conspicuous;
             is(*n) && n.checked_sub(1).is_none_or(|before| !is(before))
         };
         let found = if forward {
-            (self.at + 1..self.marks.len()).find(begins)
+            (self.at + 1..self.frames.len()).find(begins)
         } else {
-            (0..self.at.min(self.marks.len())).rev().find(begins)
+            (0..self.at.min(self.frames.len())).rev().find(begins)
         };
         match found {
             Some(n) => self.at = n,
@@ -241,8 +241,8 @@ impl Browser {
         match Target::parse(&typed) {
             Some(Target::Time(s)) => self.go_to_time(s),
             Some(Target::Field(field)) => {
-                let behind = self.marks.iter().position(|m| m.field >= field);
-                self.at = behind.unwrap_or(self.marks.len().saturating_sub(1));
+                let behind = self.frames.iter().position(|m| m.field >= field);
+                self.at = behind.unwrap_or(self.frames.len().saturating_sub(1));
             }
             _ => self.said = format!("'{typed}' is neither a time, as 12.5, nor a field, as f600"),
         }
@@ -256,7 +256,7 @@ mod tests {
 
     /// Ten seconds of fields from 100 on, of which some are conspicuous.
     fn browser() -> Browser {
-        let mark = |n: u64| Mark {
+        let mark = |n: u64| FrameSummary {
             exposed_ns: 5_000_000_000 + n * 20_000_000,
             field: 100 + n,
             conspicuous: (40..60).contains(&n) || n == 300,
@@ -323,7 +323,7 @@ mod tests {
         fn no_keys_lead_out_of_the_frames(
             keys in prop::collection::vec(0usize..95, 0..200), frames in 0u64..5, at in 0usize..9,
         ) {
-            let mark = |n| Mark { exposed_ns: n * 20_000_000, field: n, conspicuous: n % 2 == 1 };
+            let mark = |n| FrameSummary { exposed_ns: n * 20_000_000, field: n, conspicuous: n % 2 == 1 };
             let mut b = Browser::new((0..frames).map(mark).collect(), at, 2);
             let all: Vec<Key> = Key::all().collect();
             for key in keys {

@@ -238,20 +238,20 @@ fn diagram(width_px: u32) -> [f64; 2] {
 }
 
 /// The picture in a size.
-pub struct Whole<'a> {
+pub struct TimeLinePicture<'a> {
     /// What is drawn.
     pub line: &'a TimeLine,
     /// Width and height, px.
     pub size_px: [u32; 2],
 }
 
-impl<'a> From<&'a TimeLine> for Whole<'a> {
+impl<'a> From<&'a TimeLine> for TimeLinePicture<'a> {
     fn from(line: &'a TimeLine) -> Self {
-        Whole { line, size_px: [WIDTH_PX, HEIGHTS_PX.iter().sum()] }
+        TimeLinePicture { line, size_px: [WIDTH_PX, HEIGHTS_PX.iter().sum()] }
     }
 }
 
-impl Figure for Whole<'_> {
+impl Figure for TimeLinePicture<'_> {
     fn size_px(&self) -> (u32, u32) {
         self.size_px.into()
     }
@@ -300,7 +300,7 @@ mod tests {
         let runs = line.runs(1);
         assert_eq!(runs.len(), 3);
         assert!((runs[1].1 - 0.8).abs() < 1e-9 && (runs[1].2 - 1.2).abs() < 1e-9, "{runs:?}");
-        let png = plots::bytes(&Whole::from(&line), plots::Format::Png).unwrap();
+        let png = plots::bytes(&TimeLinePicture::from(&line), plots::Format::Png).unwrap();
         let picture = image::load_from_memory(&png).unwrap().to_rgb8();
         let of = |c: RGBColor| picture.pixels().filter(|p| p.0 == [c.0, c.1, c.2]).count();
         for (s, width) in [(0.0, 1200), (1.0, 1200), (1.98, 700)] {

@@ -1,10 +1,10 @@
 //! The window of `vitreo inspect`: the cameras' view of a field above, time below, and keys that lead through both.
 
-use super::browse::{Browser, Mark, Order, rows};
+use super::browse::{Browser, FrameSummary, Order, rows};
 use super::field_view::{FieldView, legend};
+use super::frame_store::{FrameStore, FrameWriter};
 use super::seen::Seen;
-use super::shelf::{Filling, Shelf};
-use super::time_line::{TimeLine, Whole};
+use super::time_line::{TimeLine, TimeLinePicture};
 use crate::matched;
 use anyhow::{Context, bail};
 use image::RgbImage;
@@ -15,7 +15,7 @@ use outputs::exit::WrongUse;
 use plots::{Area, Drawn, FONT, Figure};
 use plotters::prelude::*;
 use recording::Recording;
-use renderer::present::picture::{Happening, PictureWindow};
+use renderer::present::picture::{Event, PictureWindow};
 use rig::Rig;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -45,44 +45,44 @@ pub fn run(recording: &Recording, rig: &Rig, field: Option<u64>) -> anyhow::Resu
     // First, so that nobody waits for a window that cannot open.
     let title = format!("vitreo inspect {}", recording.path().display());
     let mut window = PictureWindow::open(&title, SIZE_PX)?;
-    let (mut filling, mut line, mut marks) = (Filling::new()?, TimeLine::default(), Vec::new());
+    let (mut writer, mut line, mut frames) = (FrameWriter::new()?, TimeLine::default(), Vec::new());
     let mut closed = false;
     let outcome = matched::run(recording, rig, "inspect", |found| {
-        filling.add(&Seen::new(rig, &found))?;
+        writer.add(&Seen::new(rig, &found))?;
         line.note(found.frame, found.matches);
-        marks.push(Mark {
+        frames.push(FrameSummary {
             exposed_ns: found.frame.instants.exposed,
             field: found.frame.field,
             conspicuous: line.last_is_conspicuous(),
         });
         // Looking at a window takes longer than a frame.
-        let looks = marks.len().is_multiple_of(FRAMES_A_LOOK);
-        closed = looks && window.wait(Duration::ZERO).contains(&Happening::Closed);
+        let looks = frames.len().is_multiple_of(FRAMES_A_LOOK);
+        closed = looks && window.wait(Duration::ZERO).contains(&Event::Closed);
         Ok(if closed { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
     })?;
     if closed {
         return Ok(outcome);
     }
     let name = recording.path().display();
-    let (Some(first), Some(last)) = (marks.first(), marks.last()) else {
+    let (Some(first), Some(last)) = (frames.first(), frames.last()) else {
         bail!("{name}: holds no tracker frame");
     };
     let at = match field {
         None => 0,
-        Some(field) => marks.iter().position(|m| m.field == field).with_context(|| {
+        Some(field) => frames.iter().position(|m| m.field == field).with_context(|| {
             let holds = format!("it holds fields {} to {}", first.field, last.field);
             WrongUse(format!("{name}: no frame of field {field}; {holds}"))
         })?,
     };
-    let browser = Browser::new(marks, at, rig.cameras().len());
-    let mut show = Show { window, shelf: filling.finish()?, line, browser, drawn: None, played: None };
+    let browser = Browser::new(frames, at, rig.cameras().len());
+    let mut show = Show { window, frame_store: writer.finish()?, line, browser, drawn: None, played: None };
     show.serve()?;
     Ok(outcome)
 }
 
 struct Show {
     window: PictureWindow,
-    shelf: Shelf,
+    frame_store: FrameStore,
     line: TimeLine,
     browser: Browser,
     /// The time line in the size in which it is shown.
@@ -100,10 +100,10 @@ impl Show {
             let mut changed = self.play_on();
             for what in &happened {
                 match what {
-                    Happening::Closed => return Ok(()),
-                    Happening::Uncovered => changed = true,
-                    Happening::Point(at) => changed |= self.point(*at),
-                    Happening::Press(key) => {
+                    Event::Closed => return Ok(()),
+                    Event::Uncovered => changed = true,
+                    Event::Point(at) => changed |= self.point(*at),
+                    Event::Press(key) => {
                         changed = true;
                         match self.browser.press(*key) {
                             Order::Quit => return Ok(()),
@@ -157,14 +157,14 @@ impl Show {
     fn draw(&mut self) -> anyhow::Result<RgbImage> {
         let [width, height] = self.size_px();
         let below = time_px(height);
-        let seen = self.shelf.get(self.browser.at())?;
+        let seen = self.frame_store.get(self.browser.at())?;
         let size_px = Some([width, height - below - LINE_PX]);
         let view = FieldView { seen: &seen, size_px, alone: self.browser.alone };
         let above = Above { line: self.browser.line(), view, help: self.browser.help };
         let mut picture = RgbImage::new(width, height);
         replace(&mut picture, &plots::pixels(&above)?, 0, 0);
         if self.drawn.as_ref().is_none_or(|drawn| drawn.dimensions() != (width, below)) {
-            self.drawn = Some(plots::pixels(&Whole { line: &self.line, size_px: [width, below] })?);
+            self.drawn = Some(plots::pixels(&TimeLinePicture { line: &self.line, size_px: [width, below] })?);
         }
         if let Some(drawn) = &self.drawn {
             replace(&mut picture, drawn, 0, i64::from(height - below));

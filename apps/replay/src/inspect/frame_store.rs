@@ -8,26 +8,26 @@ use std::io::{BufWriter, Write};
 use std::os::unix::fs::FileExt;
 
 /// Writes one.
-pub struct Filling {
+pub struct FrameWriter {
     file: BufWriter<File>,
     ends: Vec<u64>,
 }
 
 /// The frames.
-pub struct Shelf {
+pub struct FrameStore {
     file: File,
     /// Where each ends.
     ends: Vec<u64>,
 }
 
-impl Filling {
+impl FrameWriter {
     /// Begins with none.
     ///
     /// # Errors
     /// Where the system's place for such files (`TMPDIR`) takes none.
     pub fn new() -> anyhow::Result<Self> {
         let file = tempfile::tempfile().with_context(|| std::env::temp_dir().display().to_string())?;
-        Ok(Filling { file: BufWriter::new(file), ends: Vec::new() })
+        Ok(FrameWriter { file: BufWriter::new(file), ends: Vec::new() })
     }
 
     /// Adds a frame.
@@ -45,14 +45,14 @@ impl Filling {
     ///
     /// # Errors
     /// Where the disk is full.
-    pub fn finish(self) -> anyhow::Result<Shelf> {
+    pub fn finish(self) -> anyhow::Result<FrameStore> {
         let file = self.file.into_inner().map_err(|e| e.into_error());
         let file = file.with_context(|| std::env::temp_dir().display().to_string())?;
-        Ok(Shelf { file, ends: self.ends })
+        Ok(FrameStore { file, ends: self.ends })
     }
 }
 
-impl Shelf {
+impl FrameStore {
     /// What was seen in a frame, counted from 0.
     ///
     /// # Errors
@@ -73,13 +73,13 @@ mod tests {
 
     #[test]
     fn frames_come_back_in_any_order() {
-        let mut filling = Filling::new().unwrap();
+        let mut writer = FrameWriter::new().unwrap();
         let frames: Vec<Seen> = (0..50).map(|n| sample(&format!("field {n}"), &[n % 5, 14, n % 2])).collect();
-        frames.iter().for_each(|seen| filling.add(seen).unwrap());
-        let shelf = filling.finish().unwrap();
+        frames.iter().for_each(|seen| writer.add(seen).unwrap());
+        let frame_store = writer.finish().unwrap();
         for n in [49, 0, 17, 18, 3, 17] {
-            assert_eq!(shelf.get(n).unwrap(), frames[n]);
+            assert_eq!(frame_store.get(n).unwrap(), frames[n]);
         }
-        assert!(shelf.get(50).is_err());
+        assert!(frame_store.get(50).is_err());
     }
 }
