@@ -6,7 +6,7 @@ use super::frame_store::{FrameStore, FrameWriter};
 use super::seen::Seen;
 use super::time_line::{TimeLine, TimeLinePicture};
 use crate::matched;
-use anyhow::{Context, bail};
+use anyhow::bail;
 use image::RgbImage;
 use image::imageops::replace;
 use ipc::logging::inform;
@@ -69,7 +69,7 @@ pub fn run(recording: &Recording, rig: &Rig, field: Option<u64>) -> anyhow::Resu
     };
     let at = match field {
         None => 0,
-        Some(field) => frames.iter().position(|m| m.field == field).with_context(|| {
+        Some(field) => frames.iter().position(|m| m.field == field).ok_or_else(|| {
             let holds = format!("it holds fields {} to {}", first.field, last.field);
             WrongUse(format!("{name}: no frame of field {field}; {holds}"))
         })?,
