@@ -17,8 +17,12 @@ pub const MAX_MARKERS: usize = 16;
 
 /// How long the tracker waits for a late camera after the first field of a frame arrived, ns.
 pub const CAMERA_WAIT_NS: u64 = 3_000_000;
-/// Period of a field at 50 Hz, ns.
+/// Period of a field of the shipped cameras, 50 Hz, ns; of any rig it is `Rig::field_period_ns`.
 pub const FIELD_PERIOD_NS: u64 = 20_000_000;
+/// Time that passes in the eye from one tick to the next, ns, whatever the cameras' rate: what is slow (the gel,
+/// dye, light) moves, and what is judged over time (ways of tips, tremor, pulls that ebb) is looked at, once a tick.
+/// It is the period of the shipped cameras, so that a step of theirs is a tick.
+pub const TICK_NS: u64 = 20_000_000;
 /// Substep of the simulation, ns.
 pub const SUBSTEP_NS: u64 = 1_000_000;
 /// Longest time a single step may advance; a longer gap is a pause, ns.
@@ -50,6 +54,7 @@ pub const TEXT_BYTES: usize = 112;
 const _: () = assert!(CAMERA_WAIT_NS < FIELD_PERIOD_NS, "a frame must close before the next begins");
 const _: () = assert!(MAX_FIELDS_USED >= MAX_CAMERAS, "a frame must hold a field of every camera");
 const _: () = assert!(FIELD_PERIOD_NS.is_multiple_of(SUBSTEP_NS), "a regular step is whole substeps");
+const _: () = assert!(TICK_NS.is_multiple_of(SUBSTEP_NS), "a tick is whole substeps");
 const _: () =
     assert!(CHECKPOINT_LEAST_NS < CHECKPOINT_NS, "heavy steps are saved after more often than light ones");
 const _: () = assert!(HEARTBEAT_LOST_NS > 10 * HEARTBEAT_NS);

@@ -170,10 +170,11 @@ pub fn last_consumed<'a, T: Numbered + 'a>(
 
 /// Version of [`StepRecord::state_hash`]: raised where the same inputs lead to another hash, so
 /// that hashes of two builds are compared only where they mean the same.
-pub const STATE_HASH_VERSION: u32 = 3;
-/// The oldest version that hashes a scene without a task alike: version 3 changed the attempt's
-/// state alone.
-pub const STATE_HASH_WITHOUT_TASK: u32 = 2;
+pub const STATE_HASH_VERSION: u32 = 4;
+/// The oldest version that hashes a scene alike that has neither a task nor a vitreous, at 50 Hz: version 3
+/// changed the attempt's state alone, and version 4 what filters keep for it, and when the vitreous is looked at
+/// after lost fields.
+pub const STATE_HASH_OF_BARE_SCENES: u32 = 2;
 
 /// One step: its inputs, its figures and the hash of the state it led to.
 #[repr(C)]

@@ -7,6 +7,7 @@
 
 use crate::constants::MAX_MARKS;
 use crate::state::State;
+use crate::ticks::TickState;
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian};
 use bincode::enc::write::Writer;
 use bincode::error::EncodeError;
@@ -15,8 +16,9 @@ use protocol::limits::MAX_CHECKPOINT_BYTES;
 use serde::{Deserialize, Serialize};
 
 /// Version of the state's meaning; another one is refused.
-pub const VERSION: u32 = 8;
-/// The last version in which a scene without a task has the same state.
+pub const VERSION: u32 = 9;
+/// The last version in which a scene without a task has the same state, but for what has come together since
+/// the last tick; its states are of 50 Hz, where every step ends with one.
 const WITHOUT_TASK: u32 = 7;
 
 /// Why a checkpoint was refused.
@@ -80,6 +82,7 @@ pub fn encode(state: &State, scene: u64, out: &mut Vec<u8>) -> Result<(), Checkp
     bincode::serde::encode_into_std_write(&header, out, config()).map_err(fail)?;
     bincode::serde::encode_into_std_write(state, out, config()).map_err(fail)?;
     bincode::serde::encode_into_std_write(&state.dose.mj_mm2, out, config()).map_err(fail)?;
+    bincode::serde::encode_into_std_write(state.ticks, out, config()).map_err(fail)?;
     Ok(())
 }
 
@@ -100,16 +103,24 @@ pub fn decode(bytes: &[u8], scene: u64) -> Result<State, CheckpointError> {
     if header.scene != scene {
         return Err(CheckpointError::Scene { expected: scene, found: header.scene });
     }
-    let (mut state, mut rest): (State, usize) =
-        bincode::serde::decode_from_slice(&bytes[read..], config()).map_err(fail)?;
-    if header.version != VERSION && state.task.is_some() {
-        return Err(other);
-    }
+    let own = header.version == VERSION;
+    let decoded: Result<(State, usize), _> = bincode::serde::decode_from_slice(&bytes[read..], config());
+    let (mut state, rest) = match decoded {
+        Ok((state, rest)) if own || state.task.is_none() => (state, rest),
+        Err(problem) if own => return Err(fail(problem)),
+        _ => return Err(other),
+    };
+    let mut end = read + rest;
     let doses;
-    (state.dose.mj_mm2, doses) =
-        bincode::serde::decode_from_slice(&bytes[read + rest..], config()).map_err(fail)?;
-    rest += doses;
-    if read + rest != bytes.len() {
+    (state.dose.mj_mm2, doses) = bincode::serde::decode_from_slice(&bytes[end..], config()).map_err(fail)?;
+    end += doses;
+    state.ticks = TickState::at_tick(&state.instruments);
+    if own {
+        let ticks;
+        (state.ticks, ticks) = bincode::serde::decode_from_slice(&bytes[end..], config()).map_err(fail)?;
+        end += ticks;
+    }
+    if end != bytes.len() {
         return Err(CheckpointError::Content("bytes after its end"));
     }
     check(&state)?;
@@ -125,6 +136,9 @@ fn check(state: &State) -> Result<(), CheckpointError> {
     check_instruments(state)?;
     if !state.dose.is_sound() {
         return Err(CheckpointError::Content("doses of light are out of range"));
+    }
+    if !state.ticks.is_sound() {
+        return Err(CheckpointError::Content("what is kept for the next tick is out of range"));
     }
     if !state.tools.is_sound() {
         return Err(CheckpointError::Content("pump, blade or syringe are out of range"));
@@ -201,6 +215,10 @@ pub fn state_hash(state: &State) -> u64 {
     // The writer cannot fail, and a state is plain tables; a failure would show as a hash that
     // differs.
     let _ = bincode::serde::encode_into_writer(state, &mut writer, config());
+    // After a tick it follows from the rest.
+    if state.ticks != TickState::at_tick(&state.instruments) {
+        let _ = bincode::serde::encode_into_writer(state.ticks, &mut writer, config());
+    }
     writer.0
 }
 
@@ -239,8 +257,8 @@ mod tests {
         longer.push(0);
         assert!(decode(&longer, 7).is_err());
         let mut other = bytes.clone();
-        other[0] = 9;
-        assert_eq!(decode(&other, 7), Err(CheckpointError::Version { found: 9 }));
+        other[0] = 10;
+        assert_eq!(decode(&other, 7), Err(CheckpointError::Version { found: 10 }));
     }
 
     #[test]
@@ -253,6 +271,24 @@ mod tests {
         other.eye.retina_radius_mm += 0.1;
         let refused = World::new(&other).unwrap().restore(&bytes);
         assert!(matches!(refused, Err(CheckpointError::Scene { .. })), "{refused:?}");
+    }
+
+    #[test]
+    fn a_state_of_the_version_before_comes_back_where_it_has_no_task() {
+        let world = world();
+        let mut bytes = Vec::new();
+        encode(world.state(), 7, &mut bytes).unwrap();
+        let mut ticks = Vec::new();
+        bincode::serde::encode_into_std_write(world.state().ticks, &mut ticks, config()).unwrap();
+        bytes.truncate(bytes.len() - ticks.len());
+        assert!(matches!(decode(&bytes, 7), Err(CheckpointError::Damaged { .. })));
+        bytes[0] = 8;
+        assert_eq!(&decode(&bytes, 7).unwrap(), world.state());
+        let module = surgeon::load("navigation").unwrap();
+        let scene = surgeon::compose(&module, 1, &surgeon::skill::EXPERT, 1).unwrap();
+        encode(World::new(&scene).unwrap().state(), 7, &mut bytes).unwrap();
+        bytes[0] = 8;
+        assert_eq!(decode(&bytes, 7), Err(CheckpointError::Version { found: 8 }));
     }
 
     #[test]
@@ -306,7 +342,7 @@ mod tests {
     fn the_hash_sees_every_part() {
         let world = world();
         let hash = state_hash(world.state());
-        let changes: [fn(&mut State); 8] = [
+        let changes: [fn(&mut State); 9] = [
             |s| s.step += 1,
             |s| s.membrane.velocity_mm_s[2][5] = 1e-30,
             |s| s.membrane.triangle_alive[3] = 0,
@@ -315,6 +351,7 @@ mod tests {
             |s| s.optics = Some(OpticsState::default()),
             |s| s.stain = Some(StainState::new(s.membrane.nodes())),
             |s| s.remainder_ns = 1,
+            |s| s.ticks.from[1].translation.x = 1e-30,
         ];
         for change in changes {
             let mut state = world.state().clone();

@@ -1,5 +1,7 @@
 //! Every tolerance of the simulation, with its unit and what moving it would break.
 
+use protocol::limits::{SUBSTEP_NS, TICK_NS};
+
 /// Faster than this a tip does not move, mm/s; a larger speed is a jump of the tracker, and a jump
 /// sweeps nothing. Surgeons stay below 20 mm/s.
 pub const MAX_TIP_SPEED_MM_S: f64 = 1_000.0;
@@ -13,13 +15,18 @@ pub const FOLD_QUIET_NS: u64 = 1_000_000_000;
 /// A warning stands on the picture for so long, ns.
 pub const NOTICE_NS: u64 = 2_000_000_000;
 
-/// Parts of a step in which the vitreous moves, substeps: one for a regular step. How far a move
-/// spreads does not depend on its length, so shorter parts cost more and change little; at a
-/// surgeon's 10 mm/s a tip moves 0.2 mm in one.
-pub const VITREOUS_SUBSTEPS: u64 = 20;
-/// Steps between two checks of the vitreous' traction on the retina: 80 ms, faster than a surgeon
+/// Substeps of a tick, in which the vitreous moves once: how far a move spreads does not depend on
+/// its length, so shorter ones cost more and change little; at a surgeon's 10 mm/s a tip moves
+/// 0.2 mm in one.
+pub const TICK_SUBSTEPS: u64 = TICK_NS / SUBSTEP_NS;
+/// A tick may be so many substeps early, so that cameras whose instants tremble have one a field and
+/// not none and then two; the next one is later by as much.
+pub const TICK_EARLY_SUBSTEPS: u64 = 2;
+/// Ticks between two checks of the vitreous' traction on the retina: 80 ms, faster than a surgeon
 /// reacts.
 pub const TRACTION_EVERY: u64 = 4;
+/// Ticks between two counts of the removed vitreous for the task: 200 ms.
+pub const GEL_EVERY: u64 = 10;
 /// A warning about traction on the retina is armed again when the stress falls below this share of
 /// its limit.
 pub const TRACTION_REARM: f64 = 0.8;

@@ -31,5 +31,6 @@ pub mod scene_block;
 pub mod state;
 pub mod sweep;
 pub mod task_view;
+pub mod ticks;
 pub mod tools;
 pub mod world;

@@ -3,6 +3,7 @@
 
 use crate::bodies::state::BodiesState;
 use crate::dose::DoseState;
+use crate::ticks::TickState;
 use crate::tools::ToolsState;
 use collision::eyeball::RetinaContact;
 use nalgebra::{Isometry3, Vector3};
@@ -70,6 +71,9 @@ pub struct State {
     pub optics: Option<OpticsState>,
     /// Dye on the membrane, once a jet has reached it.
     pub stain: Option<StainState>,
+    /// What has come together since the last tick. Saved beside the rest; hashed where something has.
+    #[serde(skip)]
+    pub ticks: TickState,
     /// Light on the retina, by place. Saved, but not hashed: no result depends on it.
     #[serde(skip, default = "DoseState::start")]
     pub dose: DoseState,

@@ -23,7 +23,6 @@ pub use snapshot::WorldSnapshot;
 
 use profile::StepTimer;
 use sheets::SheetsCounts;
-use vitreous::StepSuction;
 
 use crate::bodies::solve::StoppedBodies;
 use crate::bodies::state::BodiesState;
@@ -33,6 +32,7 @@ use crate::dose::{DoseState, LightDose};
 use crate::event_log::EventLog;
 use crate::microscope;
 use crate::state::State;
+use crate::ticks::TickState;
 use crate::tools::{ToolFigures, ToolsState};
 use collision::backend::{Backend, BackendChoice};
 use collision::instrument_image::{InstrumentImage, Volume};
@@ -205,12 +205,12 @@ impl World {
         self.apply_pedals(input.pedals);
         self.apply_infusion();
         let plan = self.plan(input.frame);
-        let (mut suction, mut stopped) = (StepSuction::default(), StoppedBodies::default());
+        let mut stopped = StoppedBodies::default();
         for k in 1..=plan.substeps {
             let poses = self.move_instruments(&plan, k);
             timer.lap(Phase::Misc);
             let tools = self.place_tools(&plan, &poses);
-            self.apply_suction(&tools, &mut suction);
+            self.apply_suction(&tools, &poses);
             self.use_forceps(&plan, &poses, k);
             timer.lap(Phase::Tools);
             sheets.merge(&self.move_sheets(&poses, &tools));
@@ -222,7 +222,7 @@ impl World {
             sheets.merge(&self.push_sheets(&plan, &poses, &tools));
             timer.lap(Phase::Collision);
         }
-        self.move_vitreous(&plan, &suction);
+        self.move_vitreous(&plan);
         timer.lap(Phase::Vitreous);
         self.stain_membrane(&plan);
         self.accumulate_light_dose(&plan);
@@ -230,7 +230,7 @@ impl World {
         self.emit_stopped(stopped);
         self.end_sheets(&plan, sheets);
         timer.lap(Phase::Tissue);
-        self.end_task(input.frame);
+        self.end_task(&plan, input.frame);
         timer.lap(Phase::Task);
         self.end_step(&plan);
         timer.lap(Phase::Misc);
@@ -354,6 +354,12 @@ impl World {
 
     fn end_step(&mut self, plan: &plan::StepPlan) {
         let state = &mut self.state;
+        for (i, instrument) in state.instruments.iter().enumerate() {
+            // A way that was broken off begins anew: what jumped or was not seen drags nothing.
+            if plan.ticks() > 0 || !plan.touches[i] {
+                state.ticks.from[i] = instrument.eye_from_instrument;
+            }
+        }
         microscope::advance(&mut state.microscope, &state.optics, plan.advance_ns as f64 * 1e-9);
         if self.log.warning() != 0 {
             state.notice_kind = self.log.warning();
@@ -392,6 +398,7 @@ fn start_state(scene: &SceneFile, membrane: Option<&SheetBody>) -> State {
         microscope: microscope::start(scene),
         optics: microscope::start_optics(scene),
         stain: None,
+        ticks: TickState::default(),
         dose: DoseState::start(),
         tools: ToolsState::default(),
         marks: Vec::with_capacity(MAX_MARKS),

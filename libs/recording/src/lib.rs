@@ -70,7 +70,7 @@ use protocol::journal::Entry;
 use protocol::matches::MatchFrame;
 use protocol::message::{Invalid, Message};
 use protocol::poses::TrackerFrame;
-use protocol::steps::{CheckpointHeader, STATE_HASH_VERSION, STATE_HASH_WITHOUT_TASK, StepRecord};
+use protocol::steps::{CheckpointHeader, STATE_HASH_OF_BARE_SCENES, STATE_HASH_VERSION, StepRecord};
 use protocol::time::Nanos;
 use protocol::wire::{Layout, layout_of};
 use std::collections::BTreeMap;
@@ -311,8 +311,9 @@ impl Provenance {
     /// number. Recordings that name none are of version 1.
     pub fn other_state_hash_version(&self) -> Option<u32> {
         let version = self.versions.get(STATE_HASH).map_or(1, |v| v.parse().unwrap_or(0));
-        let has_task = self.scene_toml.lines().any(|line| line.trim() == "[task]");
-        let oldest = if has_task { STATE_HASH_VERSION } else { STATE_HASH_WITHOUT_TASK };
+        let has = |table: &str| self.scene_toml.lines().any(|line| line.trim() == table);
+        let is_bare = !has("[task]") && !has("[vitreous]");
+        let oldest = if is_bare { STATE_HASH_OF_BARE_SCENES } else { STATE_HASH_VERSION };
         (!(oldest..=STATE_HASH_VERSION).contains(&version)).then_some(version)
     }
 
@@ -445,15 +446,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn states_of_the_version_before_are_comparable_where_the_scene_has_no_task() {
+    fn states_of_versions_before_are_comparable_where_the_scene_has_neither_task_nor_vitreous() {
         let other = |version: u32, scene_toml: &str| {
             let versions = [(STATE_HASH.to_owned(), version.to_string())].into();
             let scene_toml = scene_toml.to_owned();
             Provenance { versions, scene_toml, ..Provenance::default() }.other_state_hash_version()
         };
-        let (bare, with_task) = ("title = \"[task]\"\n[eye]\n", "title = \"t\"\n[task]\n");
-        assert_eq!([bare, with_task].map(|scene| other(STATE_HASH_VERSION, scene)), [None, None]);
-        assert_eq!([bare, with_task].map(|scene| other(STATE_HASH_WITHOUT_TASK, scene)), [None, Some(2)]);
+        let scenes = ["title = \"[task]\"\n[eye]\n", "title = \"t\"\n[task]\n", "[vitreous]\nlattice = 24\n"];
+        let bare = scenes[0];
+        assert_eq!(scenes.map(|scene| other(STATE_HASH_VERSION, scene)), [None; 3]);
+        assert_eq!(scenes.map(|scene| other(STATE_HASH_OF_BARE_SCENES, scene)), [None, Some(2), Some(2)]);
+        assert_eq!(scenes.map(|scene| other(3, scene)), [None, Some(3), Some(3)]);
         assert_eq!(other(1, bare), Some(1));
         assert_eq!(other(STATE_HASH_VERSION + 1, bare), Some(STATE_HASH_VERSION + 1));
     }

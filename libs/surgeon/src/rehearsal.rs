@@ -7,7 +7,7 @@ use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use protocol::geometry::{Pose, Validity};
 use protocol::handles::{HandleState, PedalState};
-use protocol::limits::{FIELD_PERIOD_NS, INSTRUMENTS};
+use protocol::limits::INSTRUMENTS;
 use protocol::poses::{EYE, TrackerFrame};
 use protocol::steps::StepInputs;
 use rig::Rig;
@@ -25,6 +25,8 @@ pub struct Rehearsal {
     trocars: [Vector3<f64>; INSTRUMENTS],
     /// Tremor of the tips, if any.
     tremor: Option<[Tremor; INSTRUMENTS]>,
+    /// From one field to the next, ns.
+    period_ns: u64,
 }
 
 impl Rehearsal {
@@ -36,7 +38,7 @@ impl Rehearsal {
         Self::new(scene, &Rig::load_or_shipped(None).expect("the shipped rig is tested"))
     }
 
-    /// The script of `scene` with the trocars of `rig`.
+    /// The script of `scene` with the trocars of `rig` and at its rate.
     pub fn new(scene: &SceneFile, rig: &Rig) -> Self {
         let trocar = |i: usize| {
             let place = rig.trocars.get(i).map_or([0.0, 0.0, 10.0], |t| t.p_eye);
@@ -44,7 +46,19 @@ impl Rehearsal {
         };
         let trocars = std::array::from_fn(trocar);
         let written = scene.script_or_rest().into_owned();
-        Rehearsal { written, script: Script::new(scene), trocars, tremor: None }
+        Rehearsal {
+            written,
+            script: Script::new(scene),
+            trocars,
+            tremor: None,
+            period_ns: rig.field_period_ns(),
+        }
+    }
+
+    /// By cameras of another period than the rig's, ns.
+    pub fn with_period(mut self, period_ns: u64) -> Self {
+        self.period_ns = period_ns;
+        self
     }
 
     /// With the tremor that the scene's script has, drawn from a seed.
@@ -56,7 +70,7 @@ impl Rehearsal {
 
     /// Fields in a round of the script, retries so far included.
     pub fn fields(&self) -> u64 {
-        (self.script.period_s() * 1e9) as u64 / FIELD_PERIOD_NS
+        (self.script.period_s() * 1e9) as u64 / self.period_ns
     }
 
     fn world_from_eye(&self, at_s: f64) -> Isometry3<f64> {
@@ -68,10 +82,10 @@ impl Rehearsal {
 
     /// Tracker frame and handles of a field.
     pub fn field(&self, field: u64) -> (TrackerFrame, [HandleState; INSTRUMENTS]) {
-        let at_s = (field * FIELD_PERIOD_NS) as f64 * 1e-9;
+        let at_s = (field * self.period_ns) as f64 * 1e-9;
         let mut frame = TrackerFrame::zeroed();
         (frame.field, frame.frame) = (field, field);
-        frame.instants.exposed = FIRST_NS + field * FIELD_PERIOD_NS;
+        frame.instants.exposed = FIRST_NS + field * self.period_ns;
         let world_from_eye = self.world_from_eye(at_s);
         let mut gestures: [Gesture; INSTRUMENTS] = std::array::from_fn(|i| self.script.at(i, at_s));
         for (gesture, tremor) in gestures.iter_mut().zip(self.tremor.iter().flatten()) {
@@ -96,7 +110,7 @@ impl Rehearsal {
 
     /// Pedal state of a field.
     pub fn pedal(&self, field: u64) -> PedalState {
-        let at_ns = field * FIELD_PERIOD_NS;
+        let at_ns = field * self.period_ns;
         self.script.pedal_at(at_ns as f64 * 1e-9, field, FIRST_NS + at_ns)
     }
 
@@ -108,7 +122,7 @@ impl Rehearsal {
 
     /// Feeds back the scene after a field, where the script reacts to it then.
     pub fn see(&mut self, field: u64, perception: &dyn Perception) {
-        let at_s = (field * FIELD_PERIOD_NS) as f64 * 1e-9;
+        let at_s = (field * self.period_ns) as f64 * 1e-9;
         if self.script.perceives_now(at_s) {
             self.script.see(at_s, perception);
         }

@@ -1,4 +1,4 @@
-//! Light on the retina: what the light pipe shines in a step.
+//! Light on the retina: what the light pipe shines in a tick, from where it is at its end.
 
 use super::World;
 use super::plan::StepPlan;
@@ -7,7 +7,10 @@ use protocol::handles::Tool;
 impl World {
     /// Counts the light of every tracked light pipe that is in the eye.
     pub(super) fn accumulate_light_dose(&mut self, plan: &StepPlan) {
-        let dt_s = plan.advance_ns as f64 * 1e-9;
+        if plan.ticks() == 0 {
+            return;
+        }
+        let dt_s = plan.ticked_s();
         let state = &mut self.state;
         for (instrument, touches) in state.instruments.iter().zip(plan.touches) {
             if touches && instrument.tool == Tool::LightPipe as u32 {

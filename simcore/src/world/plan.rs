@@ -6,12 +6,13 @@ use crate::constants::{MAX_TIP_RADII, MAX_TIP_SPEED_MM_S};
 use crate::microscope;
 use crate::state::{InstrumentState, TrackingState};
 use crate::sweep::{Sweep, share};
+use crate::ticks::{reaches, ticks_at};
 use collision::eyeball::AWAY;
 use nalgebra::{Isometry3, Vector3};
 use protocol::events::{EventDraft, EventKind};
 use protocol::geometry::Validity;
 use protocol::handles::{HandleState, JAW_LENGTH_MM, PedalState, Tool};
-use protocol::limits::{INSTRUMENTS, MAX_STEP_NS, SUBSTEP_NS};
+use protocol::limits::{INSTRUMENTS, MAX_STEP_NS, SUBSTEP_NS, TICK_NS};
 use protocol::message::Message;
 use protocol::poses::{EYE, TrackerFrame};
 use tissue::sheet::grasp;
@@ -23,6 +24,9 @@ pub struct StepPlan {
     pub advance_ns: u64,
     /// Substeps to do.
     pub substeps: u64,
+    /// Ticks before and after them: one more after a regular step at 50 Hz, and at most 11, since a longer
+    /// gap is a pause.
+    ticks: [u64; 2],
     /// Lag of the substeps at the start.
     remainder_ns: u64,
     /// Ways of the instruments in the eye frame.
@@ -42,6 +46,26 @@ impl StepPlan {
     /// Pose of an instrument at share `s`, eye frame.
     pub fn pose(&self, instrument: usize, s: f64) -> Isometry3<f64> {
         self.sweeps[instrument].pose(s)
+    }
+
+    /// Ticks that end in this step.
+    pub fn ticks(&self) -> u64 {
+        self.ticks[1] - self.ticks[0]
+    }
+
+    /// Their time, s.
+    pub fn ticked_s(&self) -> f64 {
+        (self.ticks() * TICK_NS) as f64 * 1e-9
+    }
+
+    /// True if what is done every so many ticks is done in this step.
+    pub fn reaches(&self, every: u64) -> bool {
+        reaches(every, self.ticks)
+    }
+
+    /// True where what was warned of may be warned of again: at a tick, and in a pause.
+    pub fn rearms(&self) -> bool {
+        self.ticks() > 0 || self.substeps == 0
     }
 
     /// Jaw opening at share `s`, rad.
@@ -125,9 +149,11 @@ impl World {
         let regular = last > 0 && now > last && now - last <= MAX_STEP_NS;
         let advance_ns = if regular { now - last } else { 0 };
         let lag_ns = self.state.remainder_ns + advance_ns;
+        let substeps = lag_ns / SUBSTEP_NS;
         let mut plan = StepPlan {
             advance_ns,
-            substeps: lag_ns / SUBSTEP_NS,
+            substeps,
+            ticks: [self.state.substeps, self.state.substeps + substeps].map(ticks_at),
             remainder_ns: self.state.remainder_ns,
             sweeps: [Sweep::at(Isometry3::identity()); INSTRUMENTS],
             touches: [false; INSTRUMENTS],

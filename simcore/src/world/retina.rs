@@ -79,7 +79,7 @@ impl World {
     }
 
     /// What happened to the retina in the step.
-    pub(super) fn emit_retina(&mut self, counts: &RetinaCounts) {
+    pub(super) fn emit_retina(&mut self, counts: &RetinaCounts, rearms: bool) {
         self.emit_tally(SheetName::Retina, EventKind::RetinaDetached, counts.sheet.detached);
         self.emit_tally(SheetName::Retina, EventKind::RetinaReattached, counts.attached);
         if counts.merged.0 > 0 {
@@ -95,7 +95,8 @@ impl World {
                 let event = EventDraft::new(EventKind::InjectionFast, flow).by(i, tip);
                 self.log.emit(EventDraft { limit, ..event });
             }
-            *warned = flow > limit;
+            let peak = self.state.ticks.flow_mm3_s[i].note(flow, rearms);
+            *warned = flow > limit || (*warned && peak.is_none_or(|peak| peak > limit));
         }
     }
 }

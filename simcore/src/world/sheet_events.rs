@@ -20,10 +20,11 @@ fn at_node(kind: EventKind, value: f64, node: usize, at_mm: Vector3<f64>) -> Eve
     EventDraft { subject, position_in_eye_mm, ..EventDraft::new(kind, value) }
 }
 
-/// True once when `value` passes `limit`; armed again when it falls well below.
-fn passes(warned: &mut bool, value: f64, limit: f64) -> bool {
+/// True once when `value` passes `limit`; armed again at a tick in which it stayed well below all
+/// along.
+fn passes(warned: &mut bool, value: f64, peak: Option<f64>, limit: f64) -> bool {
     let first = value > limit && !*warned;
-    *warned = first || (*warned && value >= f64::from(RIM_REARM) * limit);
+    *warned = first || (*warned && peak.is_none_or(|peak| peak >= f64::from(RIM_REARM) * limit));
     first
 }
 
@@ -55,7 +56,7 @@ impl World {
     }
 
     /// The pull at the membrane's rim: warning, and what came off.
-    pub(super) fn emit_rim(&mut self, counts: &SheetCounts) {
+    pub(super) fn emit_rim(&mut self, counts: &SheetCounts, rearms: bool) {
         let (Some(scene), sheet) = (&self.scene.membrane, &mut self.state.membrane) else { return };
         let (rim_un, node) = (f64::from(counts.rim_un.0), counts.rim_un.1);
         let at_mm = World::place_mm(sheet, node);
@@ -63,28 +64,28 @@ impl World {
             let event = at_node(EventKind::RimDetached, rim_un, node, at_mm);
             self.log.emit(EventDraft { limit: scene.rim_tear_un, ..event });
         }
-        if rim_un > scene.rim_warn_un && !sheet.rim_warned {
-            sheet.rim_warned = true;
+        let peak = self.state.ticks.rim_un.note(rim_un, rearms);
+        if passes(&mut sheet.rim_warned, rim_un, peak, scene.rim_warn_un) {
             let event = at_node(EventKind::RimForceHigh, rim_un, node, at_mm);
             self.log.emit(EventDraft { limit: scene.rim_warn_un, ..event });
-        } else if counts.rim_un.0 < RIM_REARM * scene.rim_warn_un as f32 {
-            sheet.rim_warned = false;
         }
     }
 
     /// The pull of the membrane's bonds at the retina: warning, lift, tear.
-    pub(super) fn emit_traction(&mut self, parting: &Parting) {
+    pub(super) fn emit_traction(&mut self, parting: &Parting, rearms: bool) {
         let (Some(body), Some(bonds)) = (&self.membrane, &mut self.state.membrane.adhesion) else { return };
         let Some(adhesion) = body.adhesion() else { return };
         let Some(scene) = self.scene.membrane.as_ref().and_then(|m| m.adhesion.as_ref()) else { return };
         let (pa, node) = parting.highest_pa;
-        if passes(&mut bonds.warned, f64::from(pa), scene.retina_warn_pa) {
+        let peak = self.state.ticks.pull_pa.note(f64::from(pa), rearms);
+        if passes(&mut bonds.warned, f64::from(pa), peak, scene.retina_warn_pa) {
             let (kind, at_mm) = (EventKind::RetinaPulled, adhesion.place(bonds, node).map(f64::from));
             let event = at_node(kind, f64::from(pa), node, at_mm);
             self.log.emit(EventDraft { limit: scene.retina_warn_pa, ..event });
         }
         let (mm, node) = parting.highest_mm;
-        if passes(&mut bonds.lifted, f64::from(mm), LIFTED_MM) {
+        let peak = self.state.ticks.lift_mm.note(f64::from(mm), rearms);
+        if passes(&mut bonds.lifted, f64::from(mm), peak, LIFTED_MM) {
             let (kind, at_mm) = (EventKind::RetinaLifted, adhesion.place(bonds, node).map(f64::from));
             let event = at_node(kind, f64::from(mm), node, at_mm);
             self.log.emit(EventDraft { limit: LIFTED_MM, ..event });

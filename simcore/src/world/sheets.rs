@@ -201,12 +201,12 @@ impl World {
             model.end_step(retina);
         }
         counts.merge(&self.take_sheet_counts());
-        self.emit_retina(&counts.retina);
+        self.emit_retina(&counts.retina, plan.rearms());
         self.emit_sheet_counts(SheetName::Membrane, &counts.membrane);
         self.emit_sheet_counts(SheetName::Retina, &counts.retina.sheet);
-        self.emit_rim(&counts.membrane);
+        self.emit_rim(&counts.membrane, plan.rearms());
         if plan.substeps > 0 {
-            self.emit_traction(&counts.membrane.parting);
+            self.emit_traction(&counts.membrane.parting, plan.rearms());
             if counts.membrane.parting.broken > 0 {
                 self.emit_peeled(counts.freed_before_mm2);
             }

@@ -15,15 +15,16 @@ pub(super) fn room(scene: &SceneFile, sheet: &SheetMesh) -> Option<StainState> {
 }
 
 impl World {
-    /// A step of the jets. There is no dye, and nothing is kept of it, before the first jet has
+    /// A tick of the jets, from where they are at its end. There is no dye, and nothing is kept of it, before the first jet has
     /// reached the membrane.
     pub(super) fn stain_membrane(&mut self, plan: &StepPlan) {
         let pressure = self.state.tools.injection_pa;
-        if self.scene.membrane.is_none() || pressure <= 0.0 || self.figures.needle.pressure_pa <= 0.0 {
+        let full = self.figures.needle.pressure_pa;
+        if plan.ticks() == 0 || self.scene.membrane.is_none() || pressure <= 0.0 || full <= 0.0 {
             return;
         }
-        let share = pressure / self.figures.needle.pressure_pa;
-        let dt_s = plan.advance_ns as f64 * 1e-9;
+        let share = pressure / full;
+        let dt_s = plan.ticked_s();
         for i in 0..INSTRUMENTS {
             let instrument = &self.state.instruments[i];
             if !plan.touches[i]

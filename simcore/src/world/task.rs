@@ -2,8 +2,10 @@
 //! counts as done and how it is judged is decided in the crate `training`.
 
 use super::World;
+use super::plan::StepPlan;
 use crate::bodies::state::BodiesState;
 use crate::checkpoint::CheckpointError;
+use crate::constants::GEL_EVERY;
 use crate::state::State;
 use collision::eyeball::RetinaLevel;
 use nalgebra::{Isometry3, UnitVector3, Vector3};
@@ -29,9 +31,6 @@ pub struct TaskPart {
     /// A goal asks for the retina's place.
     asks_retina: bool,
 }
-
-/// Steps between two counts of the removed vitreous.
-const GEL_EVERY: u64 = 10;
 
 impl TaskPart {
     /// Of a scene, if it has a task.
@@ -108,7 +107,7 @@ pub fn start(scene: &SceneFile) -> Option<(TaskState, Meter)> {
 impl World {
     /// Shows the step to the task and to the score; when the attempt ends, its score becomes
     /// events.
-    pub(super) fn end_task(&mut self, frame: &TrackerFrame) {
+    pub(super) fn end_task(&mut self, plan: &StepPlan, frame: &TrackerFrame) {
         let (Some(part), Some((attempt, meter))) = (&self.task, &mut self.state.task) else { return };
         let was_over = is_over(attempt);
         if was_over {
@@ -117,7 +116,8 @@ impl World {
         let log = &mut self.log;
         let tips = training::sample::tips(frame);
         let (bodies, there) = bodies_seen(self.state.bodies.as_ref());
-        let zones = part.zones.as_ref().filter(|_| self.state.step.is_multiple_of(GEL_EVERY));
+        let looks = self.state.step == 0 || plan.reaches(GEL_EVERY);
+        let zones = part.zones.as_ref().filter(|_| looks);
         let gel = self.vitreous.as_ref().zip(self.state.vitreous.as_ref());
         let gel_ml = zones.zip(gel).map(|(zones, (gel, state))| removed_ml(zones, gel, state));
         let retina = self.retina.as_ref().zip(self.state.retina.as_ref()).filter(|_| part.asks_retina);

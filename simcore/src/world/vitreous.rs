@@ -1,52 +1,50 @@
 //! The vitreous' share of a step: shafts drag it, the vitrector takes it, it comes back, and the
 //! retina feels it.
 //!
-//! It moves in parts of a step of about [`VITREOUS_SUBSTEPS`] substeps, after the substeps of the
-//! membrane: the gel is slow, and a part covers the instruments' whole way, so that nothing is lost
-//! between two of them.
+//! It moves once a tick ([`crate::ticks`]), after the substeps of the membrane: the gel is slow, and a
+//! tick covers the instruments' whole way, so that nothing is lost between two of them. What the ports
+//! drew and where the shafts were at the last tick is kept until the next one.
 
 use super::World;
-use super::plan::StepPlan;
+use super::plan::{InstrumentPoses, StepPlan};
 use super::tools::PlacedTools;
 use crate::checkpoint::CheckpointError;
-use crate::constants::{TRACTION_EVERY, TRACTION_REARM, VITREOUS_QUIET_NS, VITREOUS_SUBSTEPS};
+use crate::constants::{TRACTION_EVERY, TRACTION_REARM, VITREOUS_QUIET_NS};
 use crate::event_log::EventLog;
 use crate::state::State;
+use crate::sweep::Sweep;
+use crate::ticks::OpenPort;
+use crate::tools::ToolFigures;
 use protocol::events::{EventDraft, EventKind};
 use protocol::limits::INSTRUMENTS;
 use protocol::time::Nanos;
-use scene::VitreousScene;
+use scene::{SceneFile, VitreousScene};
 use tissue::constants::SUBSTEP_S;
-use tissue::vitrector::Port;
+use tissue::vitrector::{Blade, Port};
 use tissue::vitreous::state::VitreousState;
 use tissue::vitreous::traction::{Stress, Traction};
 use tissue::vitreous::{Shaft, Vitreous, state};
 
-/// A port that drew at the vitreous.
-#[derive(Debug, Clone, Copy)]
-struct OpenPort {
-    /// Substeps in which it was open.
-    substeps: u32,
-    /// The port in the last of them.
-    port: Port,
-}
+/// A blade that leaves its port open.
+const OPEN: Blade = Blade { open: true, cuts: false };
 
-/// Suction at the vitreous in a step, by instrument.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct StepSuction {
-    open: [Option<OpenPort>; INSTRUMENTS],
-}
-
-impl StepSuction {
-    /// Draws the gel in the suction cones, for the substeps in which their ports were open.
-    fn draw(&self, gel: &mut Vitreous, state: &mut VitreousState, scene: &VitreousScene) {
-        for &OpenPort { substeps, port } in self.open.iter().flatten() {
-            let mm_per_pa = scene.suction.speed_mm_s_per_kpa * 1e-3 * SUBSTEP_S * f64::from(substeps);
-            let open = Port { open: true, ..port };
-            gel.suck(state, port.cone.apex_in_eye_mm, port.cone.reach_mm, |at| {
-                port.cone.distance_mm(at).map(|distance| mm_per_pa * open.pressure_pa(distance))
-            });
-        }
+/// Draws the gel in the suction cones, for the substeps in which their ports were open.
+fn draw(
+    open: &[Option<OpenPort>; INSTRUMENTS],
+    gel: &mut Vitreous,
+    state: &mut VitreousState,
+    scene: &SceneFile,
+    tools: &ToolFigures,
+) {
+    let Some(figures) = &scene.vitreous else { return };
+    for (open, instrument) in open.iter().zip(&scene.instruments) {
+        let Some(OpenPort { substeps, eye_from_instrument, suction_pa }) = open else { continue };
+        let radius_mm = instrument.shaft_radius_mm;
+        let port = Port::new(eye_from_instrument, radius_mm, &tools.vitrector, OPEN, *suction_pa);
+        let mm_per_pa = figures.suction.speed_mm_s_per_kpa * 1e-3 * SUBSTEP_S * f64::from(*substeps);
+        gel.suck(state, port.cone.apex_in_eye_mm, port.cone.reach_mm, |at| {
+            port.cone.distance_mm(at).map(|distance| mm_per_pa * port.pressure_pa(distance))
+        });
     }
 }
 
@@ -56,15 +54,17 @@ impl World {
         self.vitreous.as_ref().zip(self.state.vitreous.as_ref())
     }
 
-    /// One substep of the vitrectors: closing ones cut the gel, and `suction` counts the open ones.
-    pub(super) fn apply_suction(&mut self, tools: &PlacedTools, suction: &mut StepSuction) {
+    /// One substep of the vitrectors: closing ones cut the gel, and the open ones are counted for the
+    /// next tick.
+    pub(super) fn apply_suction(&mut self, tools: &PlacedTools, poses: &InstrumentPoses) {
         let (Some(gel), Some(scene)) = (&mut self.vitreous, &self.scene.vitreous) else { return };
-        let Some(state) = &mut self.state.vitreous else { return };
-        for (port, open) in tools.ports.iter().zip(&mut suction.open) {
+        let State { vitreous: Some(state), ticks, .. } = &mut self.state else { return };
+        for (i, port) in tools.ports.iter().enumerate() {
             let Some(port) = port.filter(|p| p.suction_pa > 0.0) else { continue };
             if port.open {
-                let substeps = open.map_or(0, |open| open.substeps) + 1;
-                *open = Some(OpenPort { substeps, port });
+                let substeps = ticks.open[i].map_or(0, |open| open.substeps) + 1;
+                let (eye_from_instrument, suction_pa) = (poses.eye_from_instrument[i], port.suction_pa);
+                ticks.open[i] = Some(OpenPort { substeps, eye_from_instrument, suction_pa });
             }
             if port.cuts {
                 let middle =
@@ -74,25 +74,25 @@ impl World {
         }
     }
 
-    /// Moves the vitreous over the step: shafts drag it, open ports draw it, it relaxes.
-    pub(super) fn move_vitreous(&mut self, plan: &StepPlan, suction: &StepSuction) {
-        let World { vitreous, state, scene, log, .. } = self;
-        let State { vitreous: gel_state, step, exposed_ns, .. } = state;
+    /// Moves the vitreous over the ticks of the step: shafts drag it, open ports draw it, it relaxes.
+    pub(super) fn move_vitreous(&mut self, plan: &StepPlan) {
+        let World { vitreous, state, scene, figures: tools, log, .. } = self;
+        let State { vitreous: gel_state, ticks, instruments, exposed_ns, .. } = state;
         let (Some(gel), Some(state), Some(figures)) = (vitreous, gel_state, &scene.vitreous) else { return };
-        let parts = plan.substeps.div_ceil(VITREOUS_SUBSTEPS);
-        for part in 0..parts {
-            let share = [part, part + 1].map(|p| p as f64 / parts as f64);
+        for tick in 0..plan.ticks() {
+            let share = [tick, tick + 1].map(|t| t as f64 / plan.ticks() as f64);
             for i in (0..INSTRUMENTS).filter(|&i| plan.touches[i]) {
-                let way = share.map(|s| plan.pose(i, s));
+                let sweep = Sweep { from: ticks.from[i], to: instruments[i].eye_from_instrument };
+                let way = share.map(|s| sweep.pose(s));
                 gel.carry(state, &Shaft { way, radius_mm: scene.instruments[i].shaft_radius_mm });
             }
-            if part + 1 == parts {
-                suction.draw(gel, state, figures);
+            if tick + 1 == plan.ticks() {
+                draw(&std::mem::take(&mut ticks.open), gel, state, scene, tools);
             }
             gel.relax(state);
             gel.free();
         }
-        if parts > 0 && step.is_multiple_of(TRACTION_EVERY) {
+        if plan.reaches(TRACTION_EVERY) {
             let traction = gel.look(state);
             emit_vitreous(gel, state, figures, &traction, *exposed_ns, log);
         }

@@ -166,17 +166,18 @@ impl Scorer {
         if let Some(contact) = hand.contact.as_mut().filter(|_| !hand.at_work) {
             contact.deepen(self.touch_mm, -clearance, tip);
         }
-        let Some(moved) = hand.filter.pass(&self.band, &tip.tip_in_eye_mm, at_ns) else { return };
-        hand.way_mm += moved.way_mm;
-        hand.fastest_mm_s = larger(hand.fastest_mm_s, moved.speed_mm_s);
-        if clearance < NEAR_RETINA_MM {
-            hand.fastest_near_mm_s = larger(hand.fastest_near_mm_s, moved.speed_mm_s);
-        }
-        if let Some(shake) = moved.tremor_mm {
-            hand.tremor_mm2 += shake.norm_squared();
-            hand.noise_mm2 += tip.covariance_mm2.trace() * NOISE_SHARE;
-            hand.tremor_samples += 1;
-        }
+        hand.filter.pass(&self.band, &tip.tip_in_eye_mm, at_ns, |moved| {
+            hand.way_mm += moved.way_mm;
+            hand.fastest_mm_s = larger(hand.fastest_mm_s, moved.speed_mm_s);
+            if clearance < NEAR_RETINA_MM {
+                hand.fastest_near_mm_s = larger(hand.fastest_near_mm_s, moved.speed_mm_s);
+            }
+            if let Some(shake) = moved.tremor_mm {
+                hand.tremor_mm2 += shake.norm_squared();
+                hand.noise_mm2 += tip.covariance_mm2.trace() * NOISE_SHARE;
+                hand.tremor_samples += 1;
+            }
+        });
     }
 
     /// Whether the light falls on the working tip, and what it does to the retina.
