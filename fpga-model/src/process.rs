@@ -18,7 +18,7 @@ use protocol::blobs::BlobField;
 use protocol::control::Command;
 use protocol::fields::{FieldHeader, FieldPicture};
 use protocol::health::{Process, STATE_DEGRADED};
-use protocol::limits::{FIELD_PERIOD_NS, MAX_CAMERAS};
+use protocol::limits::MAX_CAMERAS;
 use protocol::phases::Phase;
 use protocol::time::Nanos;
 use rig::Rig;
@@ -30,7 +30,7 @@ use rig::Rig;
 pub fn run(config: &Config) -> Result<()> {
     let rig = Rig::load_or_shipped(config.rig.rig.as_deref()).context("--rig")?;
     let extractors = rig.cameras().iter().map(|c| CameraExtractor::new(&rig, c)).collect::<Result<_, _>>()?;
-    ipc::shell::run(&mut FpgaModelShell::open(config, extractors)?)
+    ipc::shell::run(&mut FpgaModelShell::open(config, extractors, rig.field_period_ns())?)
 }
 
 /// Channels of the process, and the blobs held back.
@@ -39,6 +39,8 @@ struct FpgaModelShell {
     fields: BlockReceiver<FieldHeader>,
     blobs: Sender<BlobField>,
     extractors: Vec<CameraExtractor>,
+    /// From one field of a camera to the next, ns.
+    period_ns: u64,
     outbox: Outbox,
     /// Number of each camera's newest field.
     newest: [u64; MAX_CAMERAS],
@@ -53,7 +55,7 @@ struct FpgaModelShell {
 }
 
 impl FpgaModelShell {
-    fn open(config: &Config, extractors: Vec<CameraExtractor>) -> Result<Self> {
+    fn open(config: &Config, extractors: Vec<CameraExtractor>, period_ns: u64) -> Result<Self> {
         let (instance, shell) = Shell::start(Process::FpgaModel, &config.shell).context("cannot start")?;
         let (fields, blobs) = (instance.block_receiver()?, instance.sender()?);
         Ok(FpgaModelShell {
@@ -61,6 +63,7 @@ impl FpgaModelShell {
             fields,
             blobs,
             extractors,
+            period_ns,
             outbox: Outbox::default(),
             newest: [0; MAX_CAMERAS],
             foreign: 0,
@@ -142,7 +145,7 @@ impl Work<anyhow::Error> for FpgaModelShell {
 
     /// Hardware does not send what is past.
     fn slept(&mut self, _slept_ns: u64) -> Result<u64> {
-        let (past, before) = (now().saturating_sub(FIELD_PERIOD_NS), self.passed_over);
+        let (past, before) = (now().saturating_sub(self.period_ns), self.passed_over);
         while self.outbox.due_ns().is_some_and(|due| due < past) && self.outbox.take(past).is_some() {
             self.passed_over += 1;
         }

@@ -1,5 +1,5 @@
-//! The process: 50 times a second it reads inputs and publishes poses, handles and pedal. The only
-//! module with transport and clock.
+//! The process: once a field, as often as the rig's cameras give one, it reads inputs and publishes poses, handles
+//! and pedal. The only module with transport and clock.
 
 use crate::config::{Config, InputSource};
 use crate::frame;
@@ -16,7 +16,6 @@ use protocol::control::Command;
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::{Process, STATE_FINISHED};
 use protocol::inputs::{Hint, Input, InputEvent, Origin};
-use protocol::limits::FIELD_PERIOD_NS;
 use protocol::message::text_bytes;
 use protocol::phases::Phase;
 use protocol::poses::TrackerFrame;
@@ -24,10 +23,8 @@ use protocol::time::Nanos;
 use rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 
-/// The pedal is sent when it changes, and with every fifth field: 10 times a second.
-const PEDAL_EVERY: u64 = 5;
-/// A field, s.
-const FIELD_S: f64 = FIELD_PERIOD_NS as f64 * 1e-9;
+/// The pedal is sent when it changes, and at least so often, ns.
+const PEDAL_EVERY_NS: u64 = 100_000_000;
 
 /// Runs until a request or a signal stops it.
 ///
@@ -56,6 +53,8 @@ struct DeskShell {
     next_pedal: u64,
     last_hint: String,
     field: u64,
+    /// From one field to the next, as of the rig's cameras, ns.
+    period_ns: u64,
     /// Exposure of the next field.
     next_ns: Nanos,
     paused: bool,
@@ -76,6 +75,7 @@ impl DeskShell {
             _ => None,
         };
         let (instance, shell) = Shell::start(Process::Desk, &config.shell).context("cannot start")?;
+        let period_ns = rig.field_period_ns();
         let mut process = DeskShell {
             config: config.clone(),
             rig,
@@ -93,7 +93,8 @@ impl DeskShell {
             next_pedal: 0,
             last_hint: String::new(),
             field: 0,
-            next_ns: now() + FIELD_PERIOD_NS,
+            period_ns,
+            next_ns: now() + period_ns,
             paused: false,
             finished: false,
             _instance: instance,
@@ -124,15 +125,20 @@ impl DeskShell {
         }
     }
 
+    /// A field, s.
+    fn field_s(&self) -> f64 {
+        self.period_ns as f64 * 1e-9
+    }
+
     /// One field. Fields that were missed are simulated too, so that no movement is lost.
     fn field(&mut self) -> Result<()> {
         let at = now();
-        let late = at.saturating_sub(self.next_ns) / FIELD_PERIOD_NS;
-        self.next_ns += late * FIELD_PERIOD_NS;
+        let late = at.saturating_sub(self.next_ns) / self.period_ns;
+        self.next_ns += late * self.period_ns;
         for _ in 0..=late {
             self.read_own_inputs()?;
             if !self.paused {
-                self.guidance.advance(FIELD_S);
+                self.guidance.advance(self.field_s());
             }
         }
         if !self.paused {
@@ -145,15 +151,15 @@ impl DeskShell {
             self.shell.trace.end(Phase::Desk, about, at);
             self.field += 1;
         }
-        self.next_ns += FIELD_PERIOD_NS;
+        self.next_ns += self.period_ns;
         self.publish_status()
     }
 
     /// Applies and publishes the inputs of file and gamepad of this field.
     fn read_own_inputs(&mut self) -> Result<()> {
-        let mut done = Vec::new();
+        let (mut done, field_s) = (Vec::new(), self.field_s());
         let origin = if let Some(player) = &mut self.player {
-            player.advance(FIELD_S, |input| done.push(input));
+            player.advance(field_s, |input| done.push(input));
             Origin::File
         } else {
             if let Some(pad) = &mut self.gamepad
@@ -179,7 +185,8 @@ impl DeskShell {
         }
         let pedal = self.guidance.pedal();
         if pedal != self.last_pedal || self.field >= self.next_pedal {
-            (self.last_pedal, self.next_pedal) = (pedal, self.field + PEDAL_EVERY);
+            (self.last_pedal, self.next_pedal) =
+                (pedal, self.field + PEDAL_EVERY_NS.div_ceil(self.period_ns));
             self.pedal.send(&PedalState { seq: self.pedal.sent(), instant_ns: exposed, ..pedal })?;
         }
         let mut poses = frame::poses(&self.guidance, self.field, exposed);

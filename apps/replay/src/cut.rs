@@ -17,15 +17,14 @@ use outputs::exit::LOSS;
 use outputs::progress::bytes_bar;
 use outputs::{Outputs, println};
 use protocol::checkpoints::TrackerCheckpointHeader;
+use protocol::limits::FIELD_PERIOD_NS;
 use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
 use recording::{CUT, Item, Note, Provenance, Recording, Source, files_of};
+use rig::Rig;
 use settings::commands::CutArgs;
 use simcore::world::World;
 use std::process::ExitCode;
-
-/// How much later than the last frame a camera that is not in step may have exposed what it consumed, ns.
-const OUT_OF_STEP_NS: Nanos = 20_000_000;
 
 /// What of a recording is kept.
 struct Part {
@@ -35,6 +34,9 @@ struct Part {
     begins_after: Option<[u64; 2]>,
     /// First and last log time, ns.
     logged: [Nanos; 2],
+    /// How much later than the last frame a camera that is not in step may have exposed what it consumed, ns: a
+    /// field's period.
+    out_of_step_ns: Nanos,
 }
 
 impl Part {
@@ -48,7 +50,7 @@ impl Part {
             Item::Step(step) => step.instants.exposed <= last && after(step.step, 0) && logged,
             Item::Matches(matches) => after(matches.frame, 1) && matches.exposed_ns <= last && logged,
             Item::Event(event) => (first..=last).contains(&event.exposed_ns),
-            Item::Blobs(field) => field.exposed_ns <= last + OUT_OF_STEP_NS && logged,
+            Item::Blobs(field) => field.exposed_ns <= last + self.out_of_step_ns && logged,
             Item::Frame(frame) => (first..=last).contains(&frame.instants.exposed),
             Item::Picture(..) | Item::Note(_) => (self.logged[0] + AHEAD_NS..=self.logged[1]).contains(&at),
             // Later ones would stand before what they were made of.
@@ -101,7 +103,9 @@ fn of_run(
 ) -> anyhow::Result<Copied> {
     let exposed = exposed(args, recording);
     let mut provenance = recording.provenance().clone();
-    let mut part = Part { exposed, begins_after: None, logged: [0, Nanos::MAX] };
+    let rig = Rig::parse(&provenance.rig_json, "of the recording").ok();
+    let out_of_step_ns = rig.map_or(FIELD_PERIOD_NS, |rig| rig.field_period_ns());
+    let mut part = Part { exposed, begins_after: None, logged: [0, Nanos::MAX], out_of_step_ns };
     let mut known = Vec::new();
     if args.span.from > 0.0 {
         let world = World::new(&scene_of(recording)?).context("scene")?.unseen();
@@ -193,7 +197,6 @@ fn copy(
 mod tests {
     use super::*;
     use crate::engine::{Made, Recorded};
-    use rig::Rig;
     use settings::commands::WritingArgs;
     use std::ops::ControlFlow;
     use std::path::{Path, PathBuf};

@@ -7,7 +7,6 @@ use blob_stream::poses_csv::{DisplayClock, PosesCsv};
 use diagnosis::{Due, Tracking, TrackingFigures, Warning, Watch};
 use outputs::{OutputFile, Outputs};
 use protocol::blobs::BlobField;
-use protocol::limits::FIELD_PERIOD_NS;
 use protocol::matches::MatchFrame;
 use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
@@ -88,6 +87,8 @@ pub struct Products {
     tracking: Tracking,
     watch: Watch,
     processing_ns: u64,
+    /// From one field of the cameras to the next, ns.
+    period_ns: u64,
     /// Figures for the report.
     pub figures: Figures,
     span: Option<[Nanos; 2]>,
@@ -115,6 +116,7 @@ impl Products {
             tracking: Tracking::new(rig),
             watch: Watch::default(),
             processing_ns: args.processing_us * 1000,
+            period_ns: rig.field_period_ns(),
             figures: Figures { file: args.file.display().to_string(), ..Figures::default() },
             span: None,
         })
@@ -194,7 +196,7 @@ impl Products {
         if let Some(mut csv) = self.poses.take() {
             if let Some(display) = &mut self.display {
                 // A display goes on showing the last frame until the next one would be due.
-                let until = display.newest_out_ns().map_or(0, |out| out + FIELD_PERIOD_NS);
+                let until = display.newest_out_ns().map_or(0, |out| out + self.period_ns);
                 display.show_until(until, |f, latched, at| csv.predicted(f, latched, at)).context("poses")?;
             }
             csv.into_inner().finish()?;

@@ -5,7 +5,7 @@ use super::inputs::{FieldPair, difference};
 use super::side::{BlobSeen, FieldSeen, FrameSeen, Side};
 use nalgebra::{DMatrix, Isometry3, Matrix3, Point3, Vector2, Vector3};
 use protocol::geometry::{Pose, Validity};
-use protocol::limits::{BODIES, FIELD_PERIOD_NS};
+use protocol::limits::BODIES;
 use protocol::poses::BODY_NAMES;
 use rig::Rig;
 use rig::camera::Camera;
@@ -22,8 +22,8 @@ const BIN_PX: f64 = 4.0;
 const REACH_PX: f64 = 12.0;
 /// Largest distance of a blob from the projection of its marker, px.
 const MARKER_REACH_PX: f64 = 5.0;
-/// Field period, the unit of time of a blob's motion, s.
-pub const PERIOD_S: f64 = FIELD_PERIOD_NS as f64 * 1e-9;
+/// The unit of time of a blob's motion, s.
+pub const MOTION_UNIT_S: f64 = 0.02;
 /// Largest distance of a blob from itself one field before or behind, px.
 const STEP_REACH_PX: f64 = 25.0;
 
@@ -51,7 +51,7 @@ pub struct BlobPair {
     pub p_in_world: Point3<f64>,
     /// Rotation of the marker's body.
     pub world_from_body: Matrix3<f64>,
-    /// Coefficients of its motion by time in field periods, from the first power on, px.
+    /// Coefficients of its motion by time in units of [`MOTION_UNIT_S`], from the first power on, px.
     pub motion: [Vector2<f64>; 4],
     /// How much later the second recording says that it was exposed, both clocks beginning alike, s.
     pub stamped_later_s: f64,
@@ -60,9 +60,9 @@ pub struct BlobPair {
 impl BlobPair {
     /// Where its own motion leads it in a time, px from here.
     pub fn moved_after(&self, time_s: f64) -> Vector2<f64> {
-        let periods = time_s / PERIOD_S;
+        let units = time_s / MOTION_UNIT_S;
         // Horner's rule.
-        self.motion.iter().rev().fold(Vector2::zeros(), |sum, coefficient| (sum + coefficient) * periods)
+        self.motion.iter().rev().fold(Vector2::zeros(), |sum, coefficient| (sum + coefficient) * units)
     }
 }
 
@@ -176,7 +176,8 @@ impl<'a> Matcher<'a> {
     fn markers(&self, camera: &Camera, at_ns: u64) -> Vec<MarkerSeen> {
         let frames = &self.a.frames;
         let after = frames.partition_point(|f| f.exposed_ns < at_ns);
-        let near = |at: usize| frames.get(at).filter(|f| f.exposed_ns.abs_diff(at_ns) <= 2 * FIELD_PERIOD_NS);
+        let within_ns = 2 * self.rig.field_period_ns();
+        let near = |at: usize| frames.get(at).filter(|f| f.exposed_ns.abs_diff(at_ns) <= within_ns);
         let (Some(late), early) = (near(after).or(near(after.wrapping_sub(1))), near(after.wrapping_sub(1)))
         else {
             return Vec::new();
@@ -205,13 +206,13 @@ impl<'a> Matcher<'a> {
 
     /// The fields of the same camera around a field, where they follow each other.
     fn around(&self, field: &FieldSeen) -> Around<'_> {
-        let own = self.a.fields_of(field.camera);
+        let (own, period_s) = (self.a.fields_of(field.camera), self.rig.field_period_ns() as f64 * 1e-9);
         let at = own.partition_point(|f| f.field < field.field) as i64;
         let neighbour = |offset: i64| {
             let other = own.get(usize::try_from(at + offset).ok()?)?;
             let after_s = difference(field.exposed_ns, other.exposed_ns) as f64 * 1e-9;
             let in_order = after_s * offset as f64 > 0.0;
-            let near = after_s.abs() < (offset.unsigned_abs() as f64 + 0.5) * PERIOD_S;
+            let near = after_s.abs() < (offset.unsigned_abs() as f64 + 0.5) * period_s;
             (in_order && near).then(|| (self.a.blobs_of(other), after_s))
         };
         Around([-1, 1, -2, 2].map(neighbour))
@@ -232,14 +233,14 @@ struct Around<'a>([Option<(&'a [BlobSeen], f64)>; 4]);
 
 impl Around<'_> {
     /// The motion of a blob: the polynomial through its places in these fields and in its own, by its
-    /// coefficients in units of the field period, from the first power on. Two places around it are the
+    /// coefficients by time in units of [`MOTION_UNIT_S`], from the first power on. Two places around it are the
     /// least; a parabola alone would take a tremor of 10 Hz for a quarter slower than it is.
     fn motion(&self, blob: &BlobSeen) -> Option<[Vector2<f64>; 4]> {
         let here = Vector2::from(blob.at_px);
         let step = |(blobs, after_s): (&[BlobSeen], f64), reach_px: f64| {
             let own = blobs.iter().filter(|b| b.colour == blob.colour).map(|b| Vector2::from(b.at_px) - here);
             let nearest = own.min_by(|p, q| p.norm().total_cmp(&q.norm()));
-            nearest.filter(|step| step.norm() < reach_px).map(|step| (after_s / PERIOD_S, step))
+            nearest.filter(|step| step.norm() < reach_px).map(|step| (after_s / MOTION_UNIT_S, step))
         };
         let [before, behind, far_before, far_behind] = self.0;
         let mut points = vec![step(before?, STEP_REACH_PX)?, step(behind?, STEP_REACH_PX)?];
@@ -325,7 +326,7 @@ mod tests {
             |t: f64| BlobSeen { at_px: [3.0 * t + 2.0 * t * t - t * t * t, 7.0], area_px: 1.0, colour: 1 };
         let times = [-1.5, 1.0, -2.0, 2.2];
         let blobs = times.map(|t| [at(t)]);
-        let seen = |n: usize| Some((&blobs[n][..], times[n] * PERIOD_S));
+        let seen = |n: usize| Some((&blobs[n][..], times[n] * MOTION_UNIT_S));
         let motion = Around([seen(0), seen(1), seen(2), seen(3)]).motion(&at(0.0)).unwrap();
         for (found, expected) in motion.iter().zip([3.0, 2.0, -1.0, 0.0]) {
             assert!((found - Vector2::new(expected, 0.0)).norm() < 1e-9, "{found}");

@@ -9,7 +9,6 @@ use super::provenance::{KeyDifference, Part};
 use super::side::{Side, StepSeen};
 use super::{events, from_inputs, from_provenance, inputs, outcome, poses, provenance};
 use crate::verify::first_difference;
-use protocol::limits::FIELD_PERIOD_NS;
 use protocol::poses::{BODY_NAMES, TrackerFrame};
 use recording::{Item, Recording, STATE_HASH, TRACKER};
 use serde::Serialize;
@@ -116,7 +115,7 @@ impl Comparison {
         let (input_figures, first_input) = inputs::compare(a, b, &fields);
         let keys = provenance::compare(a, b);
         let (frames, alone) = poses::pair_frames(a, b, &fields);
-        let pose_figures = poses::compare(&frames, alone, a.start_ns());
+        let pose_figures = poses::compare(&frames, alone, a.start_ns(), a.period_ns());
         let (state_figures, first_state) = compare_states(a, b, &fields);
         let event_figures = events::compare(a, b, fields.number_offset);
         let start_ns = a.start_ns();
@@ -217,7 +216,7 @@ impl Comparison {
         let differing = self.poses.identical < self.poses.frames_compared;
         if let Some(poses) = self.stage(StageName::Poses).filter(|_| differing) {
             // A frame is for the exposure of one camera; those of the others lie up to a period beside it.
-            let slack_s = 2.0 * FIELD_PERIOD_NS as f64 * 1e-9;
+            let slack_s = 2.0 * a.period_ns() as f64 * 1e-9;
             let before_inputs = input_s.is_none_or(|at| poses.at_s.unwrap_or(0.0) < at - slack_s);
             if a.is_desk() && a.fields.is_empty() {
                 let cause = Cause::OtherMotion { rms_px: 0.0 };

@@ -5,14 +5,12 @@ use super::side::{BodySeen, FrameSeen, Side};
 use super::spectrum::{BANDS, band_rms};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use protocol::geometry::Validity;
-use protocol::limits::{BODIES, FIELD_PERIOD_NS};
+use protocol::limits::BODIES;
 use protocol::poses::{BODY_NAMES, EYE};
 use serde::Serialize;
 
 /// Distance of the eye's wall from its centre, by which a rotation of the eye becomes a displacement, mm.
 pub const EYE_WALL_MM: f64 = 12.0;
-/// Spacing of frames in the same stretch, ns.
-const STRETCH_NS: u64 = FIELD_PERIOD_NS + FIELD_PERIOD_NS / 2;
 
 /// Two tracker frames of one field.
 #[derive(Debug, Clone, Copy)]
@@ -115,16 +113,18 @@ pub fn both_measured(pair: &FramePair, body: usize) -> bool {
 }
 
 /// Figures of all bodies.
-pub fn compare(pairs: &[FramePair], alone: u64, start_ns: u64) -> PoseFigures {
+pub fn compare(pairs: &[FramePair], alone: u64, start_ns: u64, period_ns: u64) -> PoseFigures {
     PoseFigures {
         frames_compared: pairs.len() as u64,
         identical: pairs.iter().filter(|p| p.a.digest == p.b.digest).count() as u64,
         frames_missing: alone,
-        bodies: (0..BODIES).map(|body| compare_body(pairs, body, start_ns)).collect(),
+        bodies: (0..BODIES).map(|body| compare_body(pairs, body, start_ns, period_ns)).collect(),
     }
 }
 
-fn compare_body(pairs: &[FramePair], body: usize, start_ns: u64) -> BodyFigures {
+fn compare_body(pairs: &[FramePair], body: usize, start_ns: u64, period_ns: u64) -> BodyFigures {
+    // Frames that lie farther apart are of two stretches.
+    let stretch_ns = period_ns + period_ns / 2;
     let (mut um, mut mrad, mut stretches) = (Vec::new(), Vec::new(), vec![Vec::new()]);
     let mut figures = BodyFigures { body: BODY_NAMES[body], ..BodyFigures::default() };
     let mut last_ns = None;
@@ -136,7 +136,7 @@ fn compare_body(pairs: &[FramePair], body: usize, start_ns: u64) -> BodyFigures 
         }
         let (p, q) = (&pair.a.bodies[body], &pair.b.bodies[body]);
         let moved = displacement_um(body, p, q);
-        if last_ns.is_some_and(|last| pair.a.exposed_ns.abs_diff(last) > STRETCH_NS) {
+        if last_ns.is_some_and(|last| pair.a.exposed_ns.abs_diff(last) > stretch_ns) {
             stretches.push(Vec::new());
         }
         last_ns = Some(pair.a.exposed_ns);
@@ -153,7 +153,7 @@ fn compare_body(pairs: &[FramePair], body: usize, start_ns: u64) -> BodyFigures 
     (figures.rms_um, figures.p99_um, _) = summary(&mut um);
     (figures.rms_mrad, figures.p99_mrad, figures.max_mrad) = summary(&mut mrad);
     if figures.max_um > 0.0 {
-        figures.bands_um = band_rms(&stretches, 1e9 / FIELD_PERIOD_NS as f64);
+        figures.bands_um = band_rms(&stretches, 1e9 / period_ns as f64);
     }
     figures
 }

@@ -5,7 +5,7 @@ use protocol::blobs::BlobField;
 use protocol::budget::{Stage, frame_latencies, pose_latencies, step_latencies};
 use protocol::events::Event;
 use protocol::handles::{HandleState, PedalState};
-use protocol::limits::BODIES;
+use protocol::limits::{BODIES, FIELD_PERIOD_NS};
 use protocol::message::fnv1a;
 use protocol::poses::TrackerFrame;
 use protocol::steps::StepRecord;
@@ -146,6 +146,11 @@ impl Side {
         items.into_iter().for_each(|item| side.take(item, None));
         side.sort();
         side
+    }
+
+    /// From one field of its cameras to the next, ns.
+    pub fn period_ns(&self) -> u64 {
+        self.rig.as_ref().map_or(FIELD_PERIOD_NS, Rig::field_period_ns)
     }
 
     /// Nothing yet.

@@ -7,13 +7,13 @@ use std::f64::consts::TAU;
 /// Bands and their borders, Hz: drift and pursuit, voluntary motion, physiological tremor, what is above.
 pub const BANDS: [(&str, f64, f64); 4] =
     [("< 2 Hz", 0.0, 2.0), ("2–8 Hz", 2.0, 8.0), ("8–14 Hz", 8.0, 14.0), ("> 14 Hz", 14.0, f64::MAX)];
-/// Samples of a window: 5 s of frames.
-const WINDOW: usize = 256;
+/// A window of frames, s: 256 at 50 Hz.
+const WINDOW_S: f64 = 5.12;
 
 /// Root mean square in each band of stretches of displacements, sampled at `rate_hz`.
 pub fn band_rms(stretches: &[Vec<Vector3<f64>>], rate_hz: f64) -> [f64; BANDS.len()] {
     let longest = stretches.iter().map(Vec::len).max().unwrap_or(0);
-    let length = longest.min(WINDOW);
+    let length = longest.min((WINDOW_S * rate_hz).round() as usize);
     let (mut power, mut windows) = ([0.0; BANDS.len()], 0u32);
     if length == 0 {
         return power;

@@ -4,7 +4,6 @@ use super::SceneShown;
 use crate::blocks::Blocks;
 use crate::steps::StepAgain;
 use anyhow::ensure;
-use protocol::limits::FIELD_PERIOD_NS;
 use protocol::poses::TrackerFrame;
 use protocol::time::{Instants, Nanos};
 use settings::commands::SpanArgs;
@@ -14,7 +13,7 @@ use std::ops::ControlFlow;
 /// Time from one picture to the next, ns.
 pub const PICTURE_NS: Nanos = 40_000_000;
 /// How far a step's exposure may lie from the instant of a picture that shows it, ns.
-pub const NEAR_NS: Nanos = FIELD_PERIOD_NS / 2;
+pub const NEAR_NS: Nanos = PICTURE_NS / 4;
 /// Longest time without a step for which a picture stands, ns; instants that lie farther apart are no
 /// film.
 const LONGEST_STAND_NS: Nanos = 3_600_000_000_000;

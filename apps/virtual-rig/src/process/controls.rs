@@ -8,8 +8,8 @@ use protocol::handles::{HandleState, PedalState, Tool};
 use protocol::limits::INSTRUMENTS;
 use surgeon::motion::MotionSource;
 
-/// The pedal is sent when it changes, and with every fifth field: 10 times a second.
-const PEDAL_EVERY: u64 = 5;
+/// The pedal is sent when it changes, and at least so often, ns: 10 times a second.
+const PEDAL_EVERY_NS: u64 = 100_000_000;
 
 /// Jaws, tools and pedal at one exposure.
 #[derive(Debug, Clone, Copy)]
@@ -36,8 +36,8 @@ impl ControlSample {
 pub(super) struct Controls {
     handles: Sender<HandleState>,
     pedal: Sender<PedalState>,
-    /// Field with which the pedal is next due.
-    next_pedal: u64,
+    /// When the pedal is next due, ns after the start.
+    next_pedal_ns: u64,
     /// The pedal as sent last, without number and instant.
     last_pedal: PedalState,
 }
@@ -45,7 +45,7 @@ pub(super) struct Controls {
 impl Controls {
     pub(super) fn open(instance: &Instance) -> Result<Self> {
         let (handles, pedal) = (instance.sender()?, instance.sender()?);
-        Ok(Controls { handles, pedal, next_pedal: 0, last_pedal: PedalState::zeroed() })
+        Ok(Controls { handles, pedal, next_pedal_ns: 0, last_pedal: PedalState::zeroed() })
     }
 
     /// Blocks sent so far.
@@ -67,8 +67,8 @@ impl Controls {
             })?;
         }
         let changed = sample.pedal != self.last_pedal;
-        if changed || sample.field >= self.next_pedal || sample.field == 0 {
-            self.next_pedal = sample.field + PEDAL_EVERY;
+        if changed || sample.due_ns >= self.next_pedal_ns || sample.field == 0 {
+            self.next_pedal_ns = sample.due_ns + PEDAL_EVERY_NS;
             self.last_pedal = sample.pedal;
             let seq = self.pedal.sent();
             self.pedal.send(&PedalState { seq, instant_ns, ..sample.pedal })?;
