@@ -135,12 +135,34 @@ impl Default for Budgets {
     }
 }
 
+/// Percent of the cameras' period that a step may take: the rest is for what is late.
+const STEP_PERCENT: u64 = 80;
+
 impl Budgets {
+    /// The defaults for cameras of a period, ns: a step must be done before the next field, so its budget is
+    /// [`STEP_PERCENT`] of the period where that is less.
+    pub fn at_period(period_ns: u64) -> Self {
+        let mut all = Budgets::default();
+        let step_ms = (period_ns * STEP_PERCENT / 100) as f64 / 1e6;
+        for budget in all.budget.iter_mut().filter(|b| b.stage == Stage::Simulation) {
+            budget.limit_ms = budget.limit_ms.min(step_ms);
+        }
+        all
+    }
+
     /// Parses a budget file; stages that it leaves out keep their default.
     ///
     /// # Errors
     /// Where the text is no TOML, has an unknown key, or a limit or percentile out of its range.
     pub fn parse(text: &str, file: &str) -> Result<Self, BudgetError> {
+        Budgets::default().overridden_by(text, file)
+    }
+
+    /// These with what a budget file says; stages that it leaves out stay.
+    ///
+    /// # Errors
+    /// As [`Budgets::parse`].
+    pub fn overridden_by(mut self, text: &str, file: &str) -> Result<Self, BudgetError> {
         #[derive(Deserialize)]
         #[serde(deny_unknown_fields)]
         struct Overrides {
@@ -150,7 +172,7 @@ impl Budgets {
         }
         let fail = |problem: String| BudgetError { file: file.into(), problem };
         let overrides: Overrides = toml::from_str(text).map_err(|e| fail(e.to_string()))?;
-        let mut all = Budgets::default();
+        let all = &mut self;
         all.percentile = overrides.percentile.unwrap_or(all.percentile);
         if !(0.0..=100.0).contains(&all.percentile) {
             return Err(fail(format!("percentile: expected 0 to 100, found {}", all.percentile)));
@@ -162,7 +184,7 @@ impl Budgets {
             let old = all.budget.iter_mut().find(|b| b.stage == new.stage);
             *old.expect("the default table has every stage") = new;
         }
-        Ok(all)
+        Ok(self)
     }
 
     /// The budget of a stage.
@@ -183,6 +205,17 @@ mod tests {
         assert_eq!(budgets.of(Stage::Rendering).limit_ms, 40.0);
         assert_eq!(budgets.of(Stage::Simulation).limit_ms, 8.5);
         assert_eq!(budgets.percentile, 95.0);
+    }
+
+    #[test]
+    fn a_step_has_its_budget_of_the_paper_or_most_of_a_period_and_a_file_wins() {
+        let step_ms = |period_ns| Budgets::at_period(period_ns).of(Stage::Simulation).limit_ms;
+        assert_eq!([40_000_000, 20_000_000, 5_000_000, 2_000_000].map(step_ms), [8.5, 8.5, 4.0, 1.6]);
+        assert_eq!(Budgets::at_period(20_000_000), Budgets::default());
+        let text = "[[budget]]\nstage = \"simulation\"\nlimit_ms = 7";
+        let budgets = Budgets::at_period(5_000_000).overridden_by(text, "b.toml").unwrap();
+        assert_eq!(budgets.of(Stage::Simulation).limit_ms, 7.0);
+        assert_eq!(budgets.of(Stage::Camera), Budgets::default().of(Stage::Camera));
     }
 
     #[test]

@@ -23,6 +23,7 @@ mod parts;
 mod picture_stream;
 mod pictures;
 mod play;
+mod rates;
 mod real_cameras;
 mod record_replay;
 mod releases;

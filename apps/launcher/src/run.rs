@@ -49,7 +49,6 @@ use ipc::logging::{inform, warn, with_causes};
 use options::{View, open_store};
 use outputs::{Outputs, print};
 use protocol::budget::Stage;
-use protocol::limits::FIELD_PERIOD_NS;
 use protocol::steps::STATE_HASH_VERSION;
 use recording::{DESK, Provenance, REALTIME_OFFSET, STATE_HASH, TRACKER, TRACKER_VERSION};
 use report::{Report, Versions};
@@ -145,13 +144,6 @@ fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Resu
 /// What makes the recording of this run complete; reads rig and scene, and so checks them early.
 fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
     let rig = Rig::load_or_shipped(args.rig.rig.as_deref()).context("--rig")?;
-    if rig.field_period_ns() != FIELD_PERIOD_NS {
-        warn(&format!(
-            "the cameras of this rig give {} fields a second: tracking follows them, but scores, the vitreous and \
-             films are made for 50",
-            rig.field_hz
-        ));
-    }
     let scene_name = args.scene.scene.as_deref().unwrap_or(DEFAULT_SCENE);
     let scene = SceneFile::load(scene_name)?;
     let scene_name = args.training.module.as_deref().unwrap_or(scene_name);

@@ -17,6 +17,7 @@ use recording::parts_of;
 use results::Store;
 use results::keeping::{self, seconds_since_1970};
 use results::store::check_name;
+use rig::Rig;
 use settings::commands::processes::{
     CollisionArgs, DeskArgs, PictureArgs, RigArgs, SceneArgs, VirtualRigArgs,
 };
@@ -270,18 +271,21 @@ impl RunArgs {
         }
     }
 
-    /// The budgets to judge by: the shipped table, the file's entries, the chosen percentile.
+    /// The budgets to judge by: the shipped table at the rate of the rig, the file's entries, the chosen
+    /// percentile.
     ///
     /// # Errors
-    /// Where the file of budgets is refused.
+    /// Where the rig or the file of budgets is refused.
     pub fn budget_table(&self) -> anyhow::Result<Budgets> {
+        let rig = Rig::load_or_shipped(self.rig.rig.as_deref()).context("--rig")?;
+        let own = Budgets::at_period(rig.field_period_ns());
         let mut budgets = match &self.judge.budgets {
-            None => Budgets::default(),
+            None => own,
             Some(file) => {
                 let name = file.display().to_string();
                 let text =
                     read_text(file, MAX_SETTINGS_BYTES).with_context(|| format!("budget file {name}"))?;
-                Budgets::parse(&text, &name)?
+                own.overridden_by(&text, &name)?
             }
         };
         budgets.percentile = self.judge.percentile.unwrap_or(budgets.percentile);
