@@ -3,7 +3,8 @@
 use super::port::Service;
 use super::{IpcError, transport};
 use iceoryx2::prelude::*;
-use std::os::fd::{AsFd, BorrowedFd, RawFd};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd, RawFd};
+use std::sync::Arc;
 
 /// Most sources of one [`wait`].
 pub const MAX_SOURCES: usize = 8;
@@ -57,6 +58,59 @@ impl Listens for iceoryx2::port::listener::Listener<Service> {
     }
 }
 
+impl Listens for Arc<OwnedFd> {
+    fn drain(&self) {
+        // It counts the rings: one read takes them all, and finds nothing where there were none.
+        let _ = rustix::io::read(&**self, &mut [0; 8]);
+    }
+
+    fn descriptor(&self) -> RawFd {
+        self.as_raw_fd()
+    }
+}
+
+/// Wakes a process from threads of its own, which have work for it.
+pub struct Bell {
+    counter: Arc<OwnedFd>,
+    listener: Listener,
+}
+
+/// The rope of a [`Bell`], for another thread.
+#[derive(Debug, Clone)]
+pub struct BellRope(Arc<OwnedFd>);
+
+impl Bell {
+    /// A bell that nobody has rung.
+    ///
+    /// # Errors
+    /// Where the system has no more descriptors.
+    pub fn new() -> std::io::Result<Self> {
+        use rustix::event::EventfdFlags;
+        let counter = rustix::event::eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)?;
+        let counter = Arc::new(counter);
+        Ok(Bell { listener: Listener(Box::new(Arc::clone(&counter))), counter })
+    }
+
+    /// A rope to ring it by.
+    pub fn rope(&self) -> BellRope {
+        BellRope(Arc::clone(&self.counter))
+    }
+}
+
+impl BellRope {
+    /// Wakes the process, which may be awake.
+    pub fn ring(&self) {
+        // Full only after 2⁶⁴ rings that nobody heard.
+        let _ = rustix::io::write(&*self.0, &1u64.to_ne_bytes());
+    }
+}
+
+impl Wakes for Bell {
+    fn listener(&self) -> &Listener {
+        &self.listener
+    }
+}
+
 impl Listener {
     pub(super) fn open(node: &Node<Service>, channel: &'static str) -> Result<Self, IpcError> {
         let listener = event_service(node, channel)?.listener_builder().create();
@@ -107,5 +161,32 @@ pub fn wait(sources: &[&dyn Wakes], timeout_ns: u64) {
     let _ = rustix::event::poll(&mut fds[..sources.len()], Some(&timeout));
     for source in sources {
         source.listener().drain();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::now;
+
+    /// Longer than any machine takes to ring.
+    const LONG_NS: u64 = 60_000_000_000;
+
+    #[test]
+    fn a_bell_wakes_once_for_all_its_rings() {
+        let bell = Bell::new().unwrap();
+        let begun = now();
+        let rope = bell.rope();
+        std::thread::spawn(move || (0..3).for_each(|_| rope.ring())).join().unwrap();
+        wait(&[&bell], LONG_NS);
+        assert!(now() - begun < LONG_NS);
+        let quiet = now();
+        wait(&[&bell], 2_000_000);
+        assert!(now() - quiet >= 2_000_000, "the rings before were taken away");
+        let rope = bell.rope();
+        let ringing = std::thread::spawn(move || rope.ring());
+        wait(&[&bell], LONG_NS);
+        assert!(now() - begun < LONG_NS);
+        ringing.join().unwrap();
     }
 }

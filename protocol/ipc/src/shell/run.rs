@@ -16,6 +16,12 @@ pub trait Work<E> {
     /// The process's ties to the launcher.
     fn shell(&mut self) -> &mut Shell;
 
+    /// The state in which it begins. What has to wait for something first begins with
+    /// [`STATE_STARTING`](protocol::health::STATE_STARTING), and says itself when it is at work.
+    fn first_state(&self) -> u32 {
+        STATE_RUNNING
+    }
+
     /// Rests until there may be work, by [`Shell::rest`] or [`Shell::rest_to`], or not at all.
     fn rest(&mut self);
 
@@ -72,7 +78,7 @@ impl Served {
     }
 }
 
-/// Runs a process that is ready: tells that it is at work, then takes turns until a request, a signal
+/// Runs a process that is ready: tells its first state, that it is at work, then takes turns until a request, a signal
 /// or the process itself ([`Shell::stop`]) stops it; then leaves its part of the trace.
 ///
 /// # Errors
@@ -84,8 +90,9 @@ pub fn run<E: From<IpcError>>(work: &mut impl Work<E>) -> Result<(), E> {
 }
 
 fn take_turns<E: From<IpcError>>(work: &mut impl Work<E>) -> Result<(), E> {
+    let state = work.first_state();
     let shell = work.shell();
-    shell.report.state = STATE_RUNNING;
+    shell.report.state = state;
     shell.beat_now(now())?;
     while !work.shell().stopping() {
         work.rest();
