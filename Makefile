@@ -17,7 +17,7 @@ PREFIX ?= /usr/local
 BIN := $(DESTDIR)$(PREFIX)/bin
 PROGRAMS := $(DESTDIR)$(PREFIX)/lib/vitreo
 SHARE := $(DESTDIR)$(PREFIX)/share
-INSTALLED = $(addprefix $(TARGET)/release/,vitreo vitreo-calibration vitreo-desk vitreo-fpga-model \
+INSTALLED = $(addprefix $(TARGET)/release/,vitreo vitreo-calibration vitreo-cameras vitreo-desk vitreo-fpga-model \
 	vitreo-renderer vitreo-replay vitreo-simcore vitreo-tracker vitreo-virtual-rig)
 AS_ROOT := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 # sudo where the nearest folder that there is above the place of installation may not be written.

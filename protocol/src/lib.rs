@@ -35,6 +35,7 @@ pub mod budget;
 pub mod checkpoints;
 pub mod contain;
 pub mod control;
+pub mod deliveries;
 pub mod dose;
 pub mod events;
 pub mod fields;

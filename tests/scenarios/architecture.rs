@@ -57,6 +57,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("renderer", &["protocol", "ipc", "outputs", "rig", "settings", "scene", "font"]),
     ("results", &["protocol", "outputs", "plots", "recording", "scene", "training"]),
     ("desk", &["protocol", "ipc", "rig", "settings", "scene"]),
+    ("cameras", &["protocol", "ipc", "rig", "settings", "fpga-model"]),
     (
         "launcher",
         &[
@@ -80,7 +81,8 @@ const PROOFS: [&str; 4] = ["validation", "fuzz", "vitreo-tests", "skips"];
 const PURE: [&str; 9] =
     ["protocol", "rig", "scene", "surgeon", "training", "collision", "tissue", "font", "diagnosis"];
 /// Crates of a process: their shell alone knows transport and clock.
-const PROCESSES: [&str; 6] = ["fpga-model", "virtual-rig", "tracker", "simcore", "renderer", "desk"];
+const PROCESSES: [&str; 7] =
+    ["fpga-model", "virtual-rig", "cameras", "tracker", "simcore", "renderer", "desk"];
 /// What a crate must not reach, by whatever way.
 const UNREACHABLE: &[(&str, &[&str])] = &[
     ("tracker", &["mcap", "prost", "image", "surgeon", "scene", "recording"]),
@@ -119,13 +121,14 @@ const OWNERS: &[(&str, &[&str])] = &[
 const PROOF_FOLDERS: [&str; 2] = ["proofs/", "tests/"];
 /// Where files are made besides: in the private directory of an instance, in memory, and a recording
 /// on a file that is there.
-const WRITERS: [&str; 6] = [
+const WRITERS: [&str; 7] = [
     "libs/outputs/src/",
     "protocol/ipc/src/",
     "apps/launcher/src/children",
     "libs/recording/src/write.rs",
     "apps/launcher/src/run/resume.rs",
     "apps/virtual-rig/src/process/kept.rs",
+    "apps/cameras/src/process/figures.rs",
 ];
 /// Longest source file, lines.
 const FILE_CAP: usize = 500;
@@ -360,6 +363,7 @@ fn paths_named_in_the_documents_exist() {
         "docs/calibration.md",
         "docs/configuration.md",
         "docs/install.md",
+        "docs/cameras.md",
     ] {
         let text = std::fs::read_to_string(repository().join(document)).expect(document);
         let mut named = 0;

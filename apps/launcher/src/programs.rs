@@ -4,6 +4,8 @@ use settings::Program;
 
 /// The binary of the camera hardware.
 pub const CAMERA: &str = "vitreo-fpga-model";
+/// The binary of cameras whose pictures come through pipes or from files.
+pub const STREAMS: &str = "vitreo-cameras";
 /// The binary of the picture.
 pub const RENDERER: &str = "vitreo-renderer";
 /// The binary of recordings that are run again.

@@ -2,7 +2,7 @@
 //!
 //! - `options`, `arguments`: the command line, and what each process is given of it
 //! - `session`: the loop that receives, supervises, records and shows
-//! - `cameras`: the program of real cameras, and waiting for it
+//! - `cameras`: real cameras, and waiting for them
 //! - `attempt_control`: requests for a pause, a restart or the next level
 //! - `supervisor`, `policy`, `standby`: starting, restarting, bounding restarts
 //! - `channel_tap`, `recorder`, `resume`: what is received, written, and kept for a restarted
@@ -124,7 +124,7 @@ fn attempt_text(attempt: &Attempt, attempts: usize) -> String {
 /// out; where it is the only one that is an error.
 fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Result<()> {
     let mut store = open_store(&args.training.store)?;
-    let person = args.desk.is_some() || args.real.cameras.is_some();
+    let person = args.desk.is_some() || args.real.given().is_some();
     let open_end = args.training.stay || person || attempts.len() > 1;
     for attempt in attempts {
         let Some(file) = &attempt.record else { continue };
@@ -161,7 +161,7 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
                 .as_ref()
                 .map(|d| file(&d.inputs).or_else(|| d.input.clone()).unwrap_or_else(|| AUTO.into())),
         ),
-        ("cameras", file(&args.real.cameras)),
+        ("cameras", args.real.given().map(ToString::to_string)),
         ("motion", file(&cameras.motion)),
         ("motion-full", cameras.motion_full.then(|| "true".into())),
         ("blobs", file(&cameras.blobs)),

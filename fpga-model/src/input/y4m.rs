@@ -82,6 +82,24 @@ impl<R: BufRead> Clip<R> {
         &self.file
     }
 
+    /// True where a header comes next, not a picture: another clip follows in the same stream.
+    ///
+    /// # Errors
+    /// An input that cannot be read.
+    pub fn begins_anew(&mut self) -> Result<bool> {
+        let file = &self.file;
+        let next = self.input.fill_buf().map_err(|e| anyhow!("{file}: {e}"))?;
+        Ok(next.first() == MAGIC.first())
+    }
+
+    /// The clip that follows in the same stream.
+    ///
+    /// # Errors
+    /// As [`Clip::open`].
+    pub fn following(self) -> Result<Self> {
+        Clip::open(self.input, &self.file)
+    }
+
     /// Reads the next picture into `into`; false at the end of the clip.
     ///
     /// # Errors

@@ -1,11 +1,15 @@
-//! Real cameras: a program of the rig's maker that stands in place of the virtual rig
-//! (`docs/camera-hardware.md`), and waiting until it is configured and there.
+//! Real cameras in place of the virtual rig: a program of the rig's maker (`docs/camera-hardware.md`) or
+//! streams of pictures (`docs/cameras.md`); whether they are there, and waiting until they are.
 
-use super::options::RunArgs;
+use super::options::{RealCamerasArgs, RunArgs};
+use crate::exit::WrongUse;
 use crate::runtime::StopSignal;
+use anyhow::Context;
 use ipc::logging::{warn, with_causes};
+use rig::Rig;
+use settings::commands::cameras::{Cameras, Streams};
 use settings::inputs::check_file;
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::path::Path;
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
@@ -17,21 +21,59 @@ const REMINDER: Duration = Duration::from_secs(600);
 
 /// What is wanted where nothing is configured.
 const NOT_CONFIGURED: &str = "no real cameras are configured: [run] of vitreo.toml needs \
-    cameras = \"PROGRAM\" and rig = \"RIG.json\" (docs/install.md, \"A rig that starts at boot\"); \
+    cameras = \"PROGRAM\" or \"y4m:PATH,...\" and rig = \"RIG.json\" (docs/install.md, \"A rig that starts at \
+    boot\"); \
     start again when it has them";
 
 /// What is missing for a person to work with real cameras, in words; `None` where nothing is.
-fn missing(cameras: Option<&Path>, rig: Option<&Path>) -> Option<String> {
-    let (Some(program), Some(rig)) = (cameras, rig) else { return Some(NOT_CONFIGURED.into()) };
-    let checked = check_program(program).and_then(|()| Ok(check_file("--rig", rig)?));
+fn missing(cameras: Option<&Cameras>, rig: Option<&Path>) -> Option<String> {
+    let (Some(cameras), Some(rig)) = (cameras, rig) else { return Some(NOT_CONFIGURED.into()) };
+    let there = match cameras {
+        Cameras::Virtual => return Some(NOT_CONFIGURED.into()),
+        Cameras::Program(program) => check_program(program),
+        Cameras::Streams(streams) => check_sources(streams),
+    };
+    let checked = there.and_then(|()| Ok(check_file("--rig", rig)?));
     checked.err().map(|problem| with_causes(problem.as_ref()))
 }
 
-/// Refuses a program that is absent or may not be run.
+/// Refuses cameras that are absent or do not fit the rig.
 ///
 /// # Errors
 /// Where it is so.
-pub fn check_program(program: &Path) -> anyhow::Result<()> {
+pub fn check(real: &RealCamerasArgs, rig: Option<&Path>, direct: bool) -> anyhow::Result<()> {
+    if let Some(program) = real.program() {
+        return check_program(program);
+    }
+    let Some(streams) = real.streams() else { return Ok(()) };
+    if direct {
+        let problem = "--direct: y4m: brings pictures, in which the camera hardware looks for blobs; leave --direct away";
+        return Err(WrongUse(problem.into()).into());
+    }
+    let cameras = Rig::load_or_shipped(rig).context("--rig")?.cameras.len();
+    let sources = streams.0.len();
+    if sources != cameras {
+        let problem = format!(
+            "--cameras: expected {cameras} sources, one y4m:PATH for each camera of the rig in its order, found {sources}"
+        );
+        return Err(WrongUse(problem).into());
+    }
+    check_sources(streams)
+}
+
+/// Refuses sources that are neither pipes nor files. A pipe is not opened: who writes into it may come later.
+fn check_sources(streams: &Streams) -> anyhow::Result<()> {
+    for path in streams.0.iter().map(|stream| &stream.path) {
+        check_file("--cameras", path)?;
+        let kind = path.metadata()?.file_type();
+        let problem = "expected a pipe (mkfifo) or a file";
+        anyhow::ensure!(kind.is_fifo() || kind.is_file(), "--cameras {}: {problem}", path.display());
+    }
+    Ok(())
+}
+
+/// Refuses a program that is absent or may not be run.
+fn check_program(program: &Path) -> anyhow::Result<()> {
     check_file("--cameras", program)?;
     let mode = program.metadata()?.permissions().mode();
     anyhow::ensure!(mode & 0o111 != 0, "--cameras {}: not a program: it may not be run", program.display());
@@ -42,7 +84,7 @@ pub fn check_program(program: &Path) -> anyhow::Result<()> {
 /// `stop` is raised first.
 pub async fn wait(args: &RunArgs, stop: &StopSignal) -> bool {
     let mut told: Option<(String, Instant)> = None;
-    while let Some(reason) = missing(args.real.cameras.as_deref(), args.rig.rig.as_deref()) {
+    while let Some(reason) = missing(args.real.cameras.as_ref(), args.rig.rig.as_deref()) {
         let known = told.as_ref().is_some_and(|(text, at)| *text == reason && at.elapsed() < REMINDER);
         if !known {
             warn(&format!("waiting, nobody works: {reason}"));
@@ -66,17 +108,44 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (program, rig) = (folder.path().join("driver"), folder.path().join("rig.json"));
         let told = |cameras, rig| missing(cameras, rig).unwrap_or_default();
-        for (cameras, rig) in [(None, None), (Some(&*program), None), (None, Some(&*rig))] {
+        let driver = Cameras::Program(program.clone());
+        for (cameras, rig) in
+            [(None, None), (Some(&driver), None), (None, Some(&*rig)), (Some(&Cameras::Virtual), Some(&rig))]
+        {
             assert_eq!(told(cameras, rig), NOT_CONFIGURED);
         }
-        let absent = told(Some(&program), Some(&rig));
+        let absent = told(Some(&driver), Some(&rig));
         assert!(absent.contains("--cameras") && absent.contains("driver: No such file"), "{absent}");
         std::fs::write(&program, "#!/bin/sh\n").unwrap();
-        assert!(told(Some(&program), Some(&rig)).contains("may not be run"));
+        assert!(told(Some(&driver), Some(&rig)).contains("may not be run"));
         std::fs::set_permissions(&program, PermissionsExt::from_mode(0o755)).unwrap();
-        assert!(told(Some(&program), Some(&rig)).contains("rig.json: No such file"));
+        assert!(told(Some(&driver), Some(&rig)).contains("rig.json: No such file"));
         std::fs::write(&rig, "{}").unwrap();
-        assert_eq!(missing(Some(&program), Some(&rig)), None);
+        assert_eq!(missing(Some(&driver), Some(&rig)), None);
+    }
+
+    #[test]
+    fn sources_that_do_not_fit_the_rig_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name).display().to_string();
+        let refused = |cameras: &str, direct| {
+            let real = RealCamerasArgs { cameras: Some(cameras.parse().unwrap()), unscripted: false };
+            check(&real, None, direct).err().map(|e| (with_causes(e.as_ref()), e.is::<WrongUse>()))
+        };
+        std::fs::write(path("a"), "").unwrap();
+        let [a, b] = ["a", "b"].map(|name| format!("y4m:{}", path(name)));
+        assert_eq!(refused(&format!("{a},{a},{a}?parity=1"), false), None);
+        let cases = [
+            (format!("{a},{a}"), false, "expected 3 sources, one y4m:PATH for each camera", true),
+            ([&*a; 9].join(","), false, "found 9", true),
+            (format!("{a},{a},{a}"), true, "leave --direct away", true),
+            (format!("{a},{b},{a}"), false, "/b: No such file", false),
+            (format!("{a},{a},y4m:/dev/null"), false, "/dev/null: expected a pipe (mkfifo) or a file", false),
+        ];
+        for (cameras, direct, named, wrong_use) in cases {
+            let (told, is_wrong_use) = refused(&cameras, direct).expect("refused");
+            assert!(told.contains(named) && is_wrong_use == wrong_use, "{cameras}: {told}");
+        }
     }
 
     #[test]

@@ -22,7 +22,7 @@ impl RunArgs {
     ) -> Vec<String> {
         let mut args = Arguments::default();
         // The scene's script is nothing to real cameras.
-        let real = process == Process::VirtualRig && self.real.cameras.is_some();
+        let real = process == Process::VirtualRig && self.real.given().is_some();
         if process != Process::Simcore {
             self.rig.hand_on(&mut args);
         }
@@ -33,7 +33,12 @@ impl RunArgs {
         // Other programs for real cameras know nothing of traces.
         args.value("--trace-spans", self.outputs.trace.spans().filter(|_| !real));
         match process {
-            Process::VirtualRig if real => {}
+            Process::VirtualRig if real => {
+                if let Some(streams) = self.real.streams() {
+                    args.value("--cameras", Some(streams));
+                    args.value("--duration", remaining_s);
+                }
+            }
             Process::VirtualRig => self.to_virtual_rig(&mut args, remaining_s, restarts),
             Process::Renderer => self.to_renderer(&mut args, view, restarts),
             Process::Simcore => self.collision.hand_on(&mut args),
@@ -46,7 +51,7 @@ impl RunArgs {
     /// The stage whose delay a process is given.
     fn delayed_stage(&self, process: Process) -> Option<Stage> {
         match process {
-            Process::VirtualRig if self.real.cameras.is_some() => None,
+            Process::VirtualRig if self.real.given().is_some() => None,
             // Without pixels there is no camera hardware: the rig sends the blobs.
             Process::VirtualRig if self.trackers().contains(&Process::FpgaModel) => None,
             Process::VirtualRig | Process::FpgaModel => Some(Stage::Camera),

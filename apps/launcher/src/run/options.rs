@@ -1,7 +1,7 @@
 //! What `vitreo run` takes.
 
 use super::arguments::{injected_delay, percentile, positive, share};
-use super::cameras::check_program;
+use super::cameras;
 use super::field_trace::TraceOutArgs;
 use super::policy::MAX_RESTARTS;
 use super::recorder;
@@ -18,6 +18,7 @@ use results::Store;
 use results::keeping::{self, seconds_since_1970};
 use results::store::check_name;
 use rig::Rig;
+use settings::commands::cameras::{Cameras, Streams};
 use settings::commands::processes::{
     CollisionArgs, DeskArgs, PictureArgs, RigArgs, SceneArgs, VirtualRigArgs,
 };
@@ -109,13 +110,43 @@ pub struct TrainingArgs {
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Real cameras")]
 pub struct RealCamerasArgs {
-    /// The program that drives real cameras, in place of the virtual rig: it publishes fields of
-    /// pixels (blobs with --direct), handles and pedal. See docs/camera-hardware.md.
-    #[arg(long, value_name = "PROGRAM", requires = "rig", conflicts_with_all = ["blobs", "motion", "faults"])]
-    pub cameras: Option<PathBuf>,
+    /// Where the pictures come from: virtual (as without this option), y4m:PATH for each camera of
+    /// the rig, a pipe or a file of fields each (y4m:PATH?parity=1 where the first has the odd lines;
+    /// docs/cameras.md), or a program that drives cameras (it publishes fields of pixels, blobs with
+    /// --direct, handles and pedal; docs/camera-hardware.md).
+    #[arg(
+        long,
+        value_name = "virtual|y4m:PATH,...|PROGRAM",
+        requires = "rig",
+        conflicts_with_all = ["blobs", "motion", "faults"]
+    )]
+    pub cameras: Option<Cameras>,
     /// Let only people work: without --cameras and their --rig, say what is missing and wait.
     #[arg(long, conflicts_with_all = ["blobs", "motion", "faults"])]
     pub unscripted: bool,
+}
+
+impl RealCamerasArgs {
+    /// Cameras in place of the virtual ones, where there are any.
+    pub fn given(&self) -> Option<&Cameras> {
+        self.cameras.as_ref().filter(|cameras| **cameras != Cameras::Virtual)
+    }
+
+    /// The program that drives them, if it is another's.
+    pub fn program(&self) -> Option<&Path> {
+        match &self.cameras {
+            Some(Cameras::Program(program)) => Some(program),
+            _ => None,
+        }
+    }
+
+    /// The streams of pictures that stand for them.
+    pub fn streams(&self) -> Option<&Streams> {
+        match &self.cameras {
+            Some(Cameras::Streams(streams)) => Some(streams),
+            _ => None,
+        }
+    }
 }
 
 /// What is written of a run.
@@ -222,7 +253,7 @@ impl RunArgs {
 
     /// Whether a script moves the instruments, not a person and not a recorded stream.
     pub fn is_scripted(&self) -> bool {
-        self.virtual_rig.blobs.is_none() && self.desk.is_none() && self.real.cameras.is_none()
+        self.virtual_rig.blobs.is_none() && self.desk.is_none() && self.real.given().is_none()
     }
 
     /// The process that begins a run and ends it: the virtual rig, or the desk in the place of rig,
@@ -306,13 +337,14 @@ impl RunArgs {
         let (cameras, picture) = (&self.virtual_rig, &self.view.picture);
         let own = [&self.rig.rig, &cameras.motion, &cameras.blobs, &self.judge.budgets];
         let files = own.into_iter().chain([&picture.fundus.fundus, &picture.instruments]);
+        let streams = self.real.streams().into_iter().flat_map(|s| s.0.iter().map(|s| s.path.clone()));
         let desk = self.desk.as_ref().and_then(|d| d.inputs.clone());
         // Of these, those that are no files have no place on the disk.
         let names = [&self.scene.scene, &self.training.module, &cameras.faults]
             .into_iter()
             .flatten()
             .map(PathBuf::from);
-        files.flatten().cloned().chain(desk).chain(names)
+        files.flatten().cloned().chain(desk).chain(names).chain(streams)
     }
 
     /// Looks at every file before anything is started: what is read must be there, what is written
@@ -335,7 +367,7 @@ impl RunArgs {
         ] {
             file.as_deref().map_or(Ok(()), |file| check_file(option, file))?;
         }
-        self.real.cameras.as_deref().map_or(Ok(()), check_program)?;
+        cameras::check(&self.real, self.rig.rig.as_deref(), self.virtual_rig.direct)?;
         picture.instruments.as_deref().map_or(Ok(()), |folder| check_folder("--instruments", folder))?;
         let mut outputs = Outputs::new(self.outputs.force.force).reading_all(self.inputs());
         let OutputArgs { record, writing, report, trace, .. } = &self.outputs;

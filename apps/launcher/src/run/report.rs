@@ -8,6 +8,7 @@ use super::latency_stats::{LatencyStats, StageFigures};
 use super::load::{Load, NO_LOAD};
 use crate::machine::Machine;
 use diagnosis::{TrackingFigures, Warning};
+use protocol::deliveries::Delivery;
 use protocol::steps::{StepProfile, StepRecord};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -81,6 +82,8 @@ pub struct Report {
     pub removed: Option<Removed>,
     /// The recording, where there was one.
     pub recording: Option<RecordingFigures>,
+    /// How the pictures of each live camera came, where they came through pipes or from files.
+    pub cameras: Vec<Delivery>,
 }
 
 /// What was run.
@@ -345,6 +348,9 @@ impl Report {
             write!(out, "2 × {width} × {height} px, tier {}", p.tier)?;
             let why = p.tiers.last().map_or("", |choice| choice.reason);
             writeln!(out, " ({why}; {} choices)", p.tiers.len())?;
+        }
+        for delivery in &self.cameras {
+            writeln!(out, "{}", delivery.line())?;
         }
         for (i, line) in self.tracking.lines.iter().enumerate() {
             writeln!(out, "{} {line}", if i == 0 { "tracking:" } else { "         " })?;

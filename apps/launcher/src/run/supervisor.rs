@@ -5,10 +5,12 @@ use super::policy::{CpuAccount, RestartLimit, WINDOW_NS};
 use super::standby::{self, Standby};
 use crate::children::{self, Child, LineSender, Surroundings, realtime_allowed};
 use crate::exit::{WRONG_USE, WrongUse};
+use crate::programs::STREAMS;
 use anyhow::{Context, bail, ensure};
+use diagnosis::Finding;
 use ipc::{Instance, Sender};
 use protocol::control::{Command, Request};
-use protocol::health::{Health, Process, STATE_FINISHED, STATE_STARTING};
+use protocol::health::{Health, Process, STATE_DEGRADED, STATE_FINISHED, STATE_STARTING};
 use protocol::limits::HEARTBEAT_LOST_NS;
 use protocol::time::Nanos;
 use std::sync::Arc;
@@ -155,7 +157,10 @@ impl Supervisor {
             _ => surroundings.realtime = true,
         }
         if process == Process::VirtualRig {
-            surroundings.program = self.args.real.cameras.clone();
+            surroundings.program = match self.args.real.streams() {
+                Some(_) => Some(ipc::programs::find(STREAMS)?),
+                None => self.args.real.program().map(Into::into),
+            };
         }
         Child::spawn(process, &self.args.instance, &args, &surroundings)
     }
@@ -202,6 +207,19 @@ impl Supervisor {
             return Some(ProcessEvent::StreamEnded);
         }
         first.then_some(ProcessEvent::Ready(process))
+    }
+
+    /// What cameras whose pictures come through pipes say of what is wrong with them.
+    pub fn trouble_of_streams(&self) -> Option<Finding> {
+        self.args.real.streams()?;
+        let source = self.slots.iter().find(|s| s.process == self.args.source());
+        let health = source?.health.filter(|h| h.state == STATE_DEGRADED)?;
+        Some(Finding {
+            what: health.text(),
+            cause: "its source brings no pictures that can be used; tracking goes on with the others".into(),
+            remedy: "look at what writes into it; it is taken up again by itself".into(),
+            subject: "cameras".into(),
+        })
     }
 
     /// How often a process was restarted.

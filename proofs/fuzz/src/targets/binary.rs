@@ -4,6 +4,7 @@
 use super::{Kind, Target};
 use crate::corpus::{self, Scratch};
 use calibration::grey_image::GreyImage;
+use cameras::stream::{Expected, PictureStream, is_black};
 use fpga_model::input::Picture;
 use fpga_model::input::still;
 use fpga_model::input::y4m::Clip;
@@ -46,6 +47,7 @@ pub fn targets() -> Vec<Target> {
         target("grey-picture", |b| drop(black_box(GreyImage::decode(b, "f"))), corpus::pictures, 16 << 10),
         target("still", still_picture, corpus::pictures, 16 << 10),
         target("clip-y4m", clip, clips, 4 << 10),
+        target("live-pictures", live_pictures, live_streams, 4 << 10),
         target("results-store", store, corpus::stores, 128 << 10),
         target("trace-part", trace_part, trace_parts, 8 << 10),
     ]
@@ -178,6 +180,24 @@ fn clip(bytes: &[u8]) {
     let mut picture = Picture::default();
     while let Ok(true) = clip.read(&mut picture) {
         assert_eq!(picture.blue.len(), picture.chroma_width() * picture.height);
+    }
+}
+
+/// Of a camera with frames of 8 × 4 px: one field, another header in the middle, an interlaced frame.
+fn live_streams() -> Vec<Vec<u8>> {
+    let field = [&b"YUV4MPEG2 W8 H2 F50:1 Ip C422\nFRAME\n"[..], &[77; 32]].concat();
+    let frame = [&b"YUV4MPEG2 W8 H4 F25:1 It C420jpeg\nFRAME\n"[..], &[16; 48]].concat();
+    vec![field.clone(), frame.clone(), [field.clone(), frame, field].concat()]
+}
+
+fn live_pictures(bytes: &[u8]) {
+    let expected = Expected { frame_px: [8, 4], field_hz: 50.0, has_parity: false };
+    let Ok(mut stream) = PictureStream::open(bytes, expected) else { return };
+    let mut picture = Picture::default();
+    while let Ok(true) = stream.read(&mut picture) {
+        let fields = stream.interlace.parities().len();
+        assert_eq!([picture.width, picture.height], [8, 2 * fields]);
+        black_box(is_black(&picture));
     }
 }
 

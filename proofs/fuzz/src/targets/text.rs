@@ -198,6 +198,7 @@ const ARGUMENTS: [&str; 20] = [
     "vitreo-calibration waved --rig r.json --sigma 0.02 s.jsonl -o out.json",
     "vitreo-virtual-rig --late-camera 1=20 --duration 3 --after-round 2 --seed 9",
     "vitreo-desk --input gamepad --scene peel",
+    "vitreo-cameras --cameras y4m:a,y4m:b?parity=1 --duration 3",
     "vitreo-renderer --pictures-hz 2 --tier 4 --headless",
 ];
 
@@ -209,6 +210,7 @@ fn arguments(bytes: &[u8]) {
         "vitreo-fpga-model" => drop(black_box(fpga_model::config::Config::try_parse_from(&words))),
         "vitreo-calibration" => drop(black_box(CalibrateArgs::try_parse_from(&words))),
         "vitreo-virtual-rig" => drop(black_box(virtual_rig::config::Config::try_parse_from(&words))),
+        "vitreo-cameras" => drop(black_box(cameras::config::Config::try_parse_from(&words))),
         "vitreo-desk" => drop(black_box(desk::config::Config::try_parse_from(&words))),
         "vitreo-renderer" => drop(black_box(renderer::config::Config::try_parse_from(&words))),
         _ => drop(black_box(launcher::cli::Cli::try_parse_from(&words))),

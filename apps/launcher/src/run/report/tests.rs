@@ -63,6 +63,7 @@ pub(crate) fn report() -> Report {
         events: BTreeMap::new(),
         removed: Some(Removed { vitreous_ml: 0.5, vitreous_left_ml: 3.25, ..Removed::default() }),
         recording: None,
+        cameras: Vec::new(),
     }
 }
 

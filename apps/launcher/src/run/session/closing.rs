@@ -13,6 +13,8 @@ use bytemuck::Zeroable;
 use ipc::clock::now;
 use ipc::trace::json::FieldTrace;
 use protocol::blobs::BlobField;
+use protocol::deliveries::{DELIVERIES_FILE, Deliveries, Delivery};
+use protocol::file::{MAX_SETTINGS_BYTES, read_text};
 use protocol::health::{Health, Process};
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
@@ -80,8 +82,9 @@ impl Session<'_> {
             events: self.consumers.monitor.events.clone(),
             removed: self.consumers.monitor.removed,
             recording,
+            cameras: self.deliveries(),
         };
-        let foreign_rig = self.args.real.cameras.is_some();
+        let foreign_rig = self.args.real.given().is_some();
         let (options, directory) = (&self.args.outputs.trace, self.instance.directory());
         let trace = self.traced.collect(options, directory, self.started_ns, foreign_rig);
         Closed { report, attempts: self.attempts, trace }
@@ -103,6 +106,14 @@ impl Session<'_> {
             *known = count.max(*known);
         }
         lost
+    }
+
+    /// How the pictures of live streams came; empty without any.
+    fn deliveries(&self) -> Vec<Delivery> {
+        let file = self.instance.directory().join(DELIVERIES_FILE);
+        let left = self.args.real.streams().and_then(|_| read_text(&file, MAX_SETTINGS_BYTES).ok());
+        let left = left.and_then(|text| serde_json::from_str::<Deliveries>(&text).ok());
+        left.unwrap_or_default().cameras
     }
 
     fn own_figures(&self) -> ProcessFigures {
@@ -143,7 +154,7 @@ fn setup(args: &RunArgs, view: View, provenance: &Provenance) -> Setup {
         },
         (_, Some(blobs), _) => format!("blob stream {}", path(blobs)),
         (_, _, Some(motion)) => format!("script with the hand of {}", path(motion)),
-        _ => "script".into(),
+        _ => args.real.given().map_or_else(|| "script".into(), |cameras| format!("cameras {cameras}")),
     };
     let delays = args.trial.inject_delay.iter().map(|(stage, ms)| (stage.name(), *ms));
     Setup {

@@ -63,7 +63,8 @@ impl Session<'_> {
         let consumers = &mut self.consumers;
         consumers.monitor.measure(at);
         let (monitor, since_ns) = (&consumers.monitor, at - self.started_ns);
-        let found = findings(&self.args, &consumers.tracking, monitor, since_ns);
+        let mut found = findings(&self.args, &consumers.tracking, monitor, since_ns);
+        found.extend(self.supervisor.trouble_of_streams());
         let at_s = self.elapsed_s(at);
         for finding in self.consumers.watch.note(at_s, &found) {
             self.warn_of(&finding, at);
@@ -75,7 +76,9 @@ impl Session<'_> {
     /// Warns at once of a process that works no more though it runs.
     pub(super) fn watch_silence(&mut self) {
         let (at, at_s) = (now(), self.elapsed_s(now()));
-        if self.started_ns == 0 || self.paused_ns.is_some() || !self.supervisor.all_ready() {
+        // Cameras whose sources bring nothing say so themselves.
+        let told = self.supervisor.trouble_of_streams().is_some();
+        if self.started_ns == 0 || self.paused_ns.is_some() || told || !self.supervisor.all_ready() {
             return self.consumers.silence.excuse(at, at_s);
         }
         let counts = self.consumers.monitor.traffic.map(|t| t.count);

@@ -1,0 +1,313 @@
+//! One camera: what its reader has brought, which numbers its fields have, and how it stands.
+
+use super::reader::{Pictured, Reader, Told};
+use crate::condition::{Condition, Kind, Trouble};
+use crate::stream::Expected;
+use crate::tally::Tally;
+use crate::timing::{Clock, Numbering, Place, parity_of};
+use anyhow::{Context, Result};
+use fpga_model::input::Picture;
+use ipc::BellRope;
+use protocol::deliveries::Delivery;
+use protocol::fields::{FORMAT_YCBCR_422, FieldHeader, FieldPicture};
+use protocol::time::Nanos;
+use rig::Rig;
+use rig::camera::Camera;
+use rig::region;
+use settings::commands::cameras::Stream;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::{Receiver, Sender, channel, sync_channel};
+
+/// A source that has brought nothing for so many periods is silent.
+const SILENT_PERIODS: u64 = 10;
+/// So long nothing is said of a source that has brought nothing yet, ns.
+const AWAITED_NS: u64 = 500_000_000;
+/// A camera that has shown nothing but black for so long is black, ns.
+const BLACK_NS: u64 = 1_000_000_000;
+/// Late fields in a row after which a camera is slow, and fields in time after which it is not.
+const SLOW_AFTER: u32 = 3;
+const IN_TIME_AFTER: u32 = 25;
+
+/// A field that is to be published.
+pub(super) struct Field<'a> {
+    pub(super) header: FieldHeader,
+    picture: &'a Picture,
+    /// First line and step in the picture.
+    lines: [usize; 2],
+}
+
+/// A picture whose fields are not all published.
+struct Held {
+    pictured: Box<Pictured>,
+    /// Fields that were taken.
+    taken: usize,
+}
+
+/// What the rig says of a camera's fields.
+struct Sensor {
+    camera: u32,
+    field_px: [u32; 2],
+    /// Lines in which markers can appear.
+    lines: u32,
+    line_period_ns: u64,
+}
+
+impl Sensor {
+    fn header(&self, clock: &Clock, number: u64, parity: u32) -> FieldHeader {
+        FieldHeader {
+            field: number,
+            exposed_ns: clock.exposed(number),
+            first_line_ns: clock.first_line(number),
+            line_period_ns: self.line_period_ns,
+            camera: self.camera,
+            parity,
+            format: FORMAT_YCBCR_422,
+            width: self.field_px[0],
+            height: self.field_px[1],
+            lines: self.lines,
+        }
+    }
+}
+
+/// One camera.
+pub(super) struct Feed {
+    sensor: Sensor,
+    pub(super) source: String,
+    first_parity: u32,
+    inbox: Receiver<Told>,
+    spare: Sender<Picture>,
+    held: Option<Held>,
+    numbering: Numbering,
+    pub(super) tally: Tally,
+    pub(super) condition: Condition,
+    /// `None` while nothing is known of it.
+    is_file: Option<bool>,
+    /// A file is over, or defective for this reason.
+    over: Option<Option<String>>,
+    refusal: Option<String>,
+    is_closed: bool,
+    begun_ns: Nanos,
+    /// When the newest picture was taken in.
+    newest_ns: Nanos,
+    black_since: Option<Nanos>,
+    late_in_a_row: u32,
+    in_time_in_a_row: u32,
+    is_slow: bool,
+}
+
+impl Feed {
+    /// Starts to read the source of a camera.
+    pub(super) fn start(
+        rig: &Rig,
+        camera: &Camera,
+        stream: &Stream,
+        rope: BellRope,
+        stop: &Arc<AtomicBool>,
+        begun_ns: Nanos,
+    ) -> Result<Self> {
+        let [width, height] = camera.field_size()?;
+        let (outbox, inbox) = sync_channel(1);
+        let (spare, spares) = channel();
+        let has_parity = stream.parity.is_some();
+        let expected = Expected { frame_px: camera.size_px, field_hz: rig.field_hz, has_parity };
+        let (path, stop) = (stream.path.clone(), Arc::clone(stop));
+        let reader = Reader { path, expected, outbox, spare: spares, rope, stop };
+        let thread = std::thread::Builder::new().name(format!("camera-{}", camera.id));
+        thread.spawn(move || reader.run()).context("a thread for a camera")?;
+        let source = stream.to_string();
+        let lines = region::lines(rig, camera).min(height) as u32;
+        let field_px = [width as u32, height as u32];
+        Ok(Feed {
+            sensor: Sensor { camera: camera.id, field_px, lines, line_period_ns: rig.line_ns },
+            condition: Condition::new(format!("camera {} ({source})", camera.id)),
+            source,
+            first_parity: stream.parity.unwrap_or(0),
+            inbox,
+            spare,
+            held: None,
+            numbering: Numbering::default(),
+            tally: Tally::default(),
+            is_file: None,
+            over: None,
+            refusal: None,
+            is_closed: false,
+            begun_ns,
+            newest_ns: 0,
+            black_since: None,
+            late_in_a_row: 0,
+            in_time_in_a_row: 0,
+            is_slow: false,
+        })
+    }
+
+    /// Takes in what the reader has brought, up to a picture that waits for its instant.
+    pub(super) fn listen(&mut self, now: Nanos) {
+        while self.held.is_none() {
+            let Ok(told) = self.inbox.try_recv() else { return };
+            match told {
+                Told::Opened { is_file, note } => {
+                    self.is_file = Some(is_file);
+                    if let Some(note) = note {
+                        tracing::warn!("camera {} ({}) {note}", self.sensor.camera, self.source);
+                    }
+                }
+                Told::Picture(pictured) => self.hold(pictured, now),
+                Told::Closed => (self.is_closed, self.black_since) = (true, None),
+                Told::Refused(why) => self.refusal = Some(why),
+                Told::Over(why) => self.over = Some(why),
+            }
+        }
+    }
+
+    fn hold(&mut self, pictured: Box<Pictured>, now: Nanos) {
+        (self.refusal, self.is_closed, self.newest_ns) = (None, false, now);
+        if pictured.is_first {
+            self.numbering.opened();
+            self.tally.openings += 1;
+        }
+        self.black_since = pictured.is_black.then(|| self.black_since.unwrap_or(now));
+        self.held = Some(Held { pictured, taken: 0 });
+    }
+
+    /// When the first picture had come, while it waits for those of the others.
+    pub(super) fn first_arrived(&self) -> Option<Nanos> {
+        self.held.as_ref().map(|held| held.pictured.arrived_ns)
+    }
+
+    /// The number of the field that is still to come, of a camera from which one is expected.
+    pub(super) fn awaited(&self) -> Option<u64> {
+        let expected = self.held.is_none() && self.over.is_none() && self.condition.trouble().is_none();
+        expected.then(|| self.numbering.next())
+    }
+
+    /// When there is a field to be published; `awaited` is the least number that is still to come.
+    pub(super) fn due(&self, clock: &Clock, awaited: u64) -> Option<Nanos> {
+        self.held.as_ref().map(|_| self.numbering.due(clock, self.numbering.next() < awaited))
+    }
+
+    /// The next number of the camera.
+    pub(super) fn next(&self) -> u64 {
+        self.numbering.next()
+    }
+
+    /// Publishes by `send` every field that is due; `awaited` is the least number that is still to come
+    /// from another camera.
+    pub(super) fn publish(
+        &mut self,
+        clock: &Clock,
+        awaited: u64,
+        now: Nanos,
+        mut send: impl FnMut(&Field<'_>) -> Result<()>,
+    ) -> Result<()> {
+        while self.due(clock, awaited).is_some_and(|due| due <= now) {
+            let Some(held) = &mut self.held else { return Ok(()) };
+            let (pictured, i) = (&held.pictured, held.taken);
+            // The second field of a frame comes a period after the first, as the camera took it.
+            let arrived = pictured.arrived_ns + i as u64 * clock.period_ns;
+            let place = self.numbering.place(clock, arrived, now);
+            let parities = pictured.interlace.parities();
+            held.taken += 1;
+            let is_done = held.taken == parities.len();
+            if let Place::Taken { number, delay_ns } = place {
+                let frame = parities.len() > 1;
+                let parity = if frame { parities[i] } else { parity_of(number, self.first_parity) };
+                let lines = if frame { [parity as usize, 2] } else { [0, 1] };
+                let header = self.sensor.header(clock, number, parity);
+                send(&Field { header, picture: &pictured.picture, lines })?;
+                self.tally.put_out(number, delay_ns);
+            }
+            self.note_pace(place == Place::Late);
+            if is_done && let Some(held) = self.held.take() {
+                // A reader that is gone needs none.
+                let _ = self.spare.send(held.pictured.picture);
+                self.listen(now);
+            }
+        }
+        Ok(())
+    }
+
+    fn note_pace(&mut self, late: bool) {
+        if late {
+            (self.late_in_a_row, self.in_time_in_a_row) = (self.late_in_a_row + 1, 0);
+            self.tally.late += 1;
+        } else {
+            (self.late_in_a_row, self.in_time_in_a_row) = (0, self.in_time_in_a_row.saturating_add(1));
+        }
+        self.is_slow |= self.late_in_a_row >= SLOW_AFTER;
+        self.is_slow &= self.in_time_in_a_row < IN_TIME_AFTER;
+    }
+
+    /// True if nothing more will come and nothing waits.
+    pub(super) fn is_over(&self) -> bool {
+        self.over.is_some() && self.held.is_none()
+    }
+
+    /// Why a file cannot be used, if that is so.
+    pub(super) fn defect(&self) -> Option<&str> {
+        self.over.as_ref()?.as_deref()
+    }
+
+    /// True for a file, from which nothing comes by itself.
+    pub(super) fn is_file(&self) -> bool {
+        self.is_file == Some(true)
+    }
+
+    /// What is wrong with it at `now`.
+    pub(super) fn trouble(&self, period_ns: u64, started: bool, now: Nanos) -> Option<Trouble> {
+        let trouble = |kind, text: &str| Some(Trouble { kind, text: text.into() });
+        let since = |instant: Nanos| now.saturating_sub(instant);
+        let never = self.newest_ns == 0;
+        match (&self.over, &self.refusal) {
+            (Some(Some(why)), _) => return trouble(Kind::Refused, why),
+            (Some(None), _) if self.held.is_none() => return trouble(Kind::Over, "has shown its whole file"),
+            (None, Some(why)) => return trouble(Kind::Refused, why),
+            _ => {}
+        }
+        if never {
+            let what = "is waited for: nobody has opened its pipe and written a picture yet";
+            return (since(self.begun_ns) >= AWAITED_NS).then(|| trouble(Kind::Awaited, what)).flatten();
+        }
+        if self.is_closed && self.held.is_none() {
+            return trouble(Kind::Closed, "is closed by its writer; it is waited for the next");
+        }
+        if started && self.held.is_none() && since(self.newest_ns) >= SILENT_PERIODS * period_ns {
+            return trouble(Kind::Silent, "brings nothing, though its pipe is open");
+        }
+        if self.is_slow {
+            return trouble(Kind::Slow, "brings its pictures too late; late ones are left out");
+        }
+        let black = self.black_since.is_some_and(|black| since(black) >= BLACK_NS);
+        black.then(|| trouble(Kind::Black, "shows nothing but black: look at cap, light and gain")).flatten()
+    }
+
+    /// Its figures so far; `reached` is the number that all cameras have reached.
+    pub(super) fn delivery(&self, reached: u64) -> Delivery {
+        let counts = self.condition.counts.iter().filter(|(k, _)| !matches!(k, Kind::Awaited | Kind::Over));
+        Delivery {
+            camera: self.sensor.camera,
+            source: self.source.clone(),
+            fields: self.tally.fields,
+            late: self.tally.late,
+            missing: self.tally.missing(reached),
+            openings: self.tally.openings,
+            delay_ms: self.tally.delays.delays(),
+            troubles: counts.map(|(kind, n)| (kind.name().into(), *n)).collect(),
+            trouble: self.condition.trouble().map_or_else(String::new, |t| t.text.clone()),
+        }
+    }
+}
+
+impl Field<'_> {
+    /// Writes the pixels into a payload.
+    pub(super) fn write(&self, payload: &mut [u8]) {
+        let to = FieldPicture::in_payload_mut(&self.header, payload);
+        let (width, chroma, [first, step]) = (to.width, to.width / 2, self.lines);
+        for y in 0..to.height {
+            let (luma, blue, red) = self.picture.line(first + y * step);
+            to.luma[y * width..][..width].copy_from_slice(&luma[..width]);
+            to.blue[y * chroma..][..chroma].copy_from_slice(&blue[..chroma]);
+            to.red[y * chroma..][..chroma].copy_from_slice(&red[..chroma]);
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! The figures of the cameras as a small file in the instance's private directory: the launcher puts
+//! them into its report, and a restarted process goes on with the same numbers.
+
+use protocol::deliveries::{DELIVERIES_FILE, Deliveries};
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// The file.
+pub(super) struct Figures {
+    path: PathBuf,
+    /// A failure was told.
+    told: bool,
+}
+
+impl Figures {
+    pub(super) fn in_directory(directory: &Path) -> Self {
+        Figures { path: directory.join(DELIVERIES_FILE), told: false }
+    }
+
+    /// What a predecessor in this instance left; `None` where there was none.
+    pub(super) fn predecessor(&self) -> Option<Deliveries> {
+        let left = serde_json::from_slice(&fs::read(&self.path).ok()?).ok();
+        left.filter(|left: &Deliveries| left.start_ns > 0)
+    }
+
+    /// Keeps them, whole or not at all.
+    pub(super) fn keep(&mut self, deliveries: &Deliveries) {
+        let part = self.path.with_extension("part");
+        let kept = serde_json::to_vec(deliveries).map_err(io::Error::from);
+        let kept = kept.and_then(|text| fs::write(&part, text));
+        let kept = kept.and_then(|()| fs::rename(&part, &self.path));
+        if let (Err(problem), false) = (kept, self.told) {
+            self.told = true;
+            tracing::warn!("the figures of the cameras cannot be kept: {problem}");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_successor_finds_the_start_and_no_half_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut figures = Figures::in_directory(folder.path());
+        assert!(figures.predecessor().is_none());
+        figures.keep(&Deliveries::default());
+        assert!(figures.predecessor().is_none(), "it had not begun");
+        let begun = Deliveries { start_ns: 7, ..Deliveries::default() };
+        figures.keep(&begun);
+        assert_eq!(figures.predecessor(), Some(begun));
+        fs::write(folder.path().join(DELIVERIES_FILE), "{").unwrap();
+        assert!(figures.predecessor().is_none());
+    }
+}

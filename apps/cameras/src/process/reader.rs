@@ -1,0 +1,206 @@
+//! The thread that reads one source. It blocks nobody: a pipe is opened without waiting for a writer and
+//! read when there is something in it, and the end of the process is looked for in between. It reads one
+//! picture ahead; the rest waits in the pipe, and so does the writer.
+
+use crate::stream::{Expected, PictureStream, is_black};
+use anyhow::{Result, anyhow, bail};
+use fpga_model::input::{Interlace, Picture};
+use ipc::BellRope;
+use ipc::clock::now;
+use protocol::time::Nanos;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{FileType, Mode, OFlags, fstat, open};
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Read};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender};
+
+/// Longest wait for a pipe without looking whether the process ends, ms.
+const LOOK_MS: i64 = 50;
+/// Rounds of [`LOOK_MS`] between a source that was refused and the next try: a writer that goes on
+/// meanwhile learns that nobody reads.
+const ROUNDS_REFUSED: u32 = 6;
+/// Bytes read at a time.
+const BUFFER: usize = 1 << 18;
+
+/// What a reader tells.
+pub(super) enum Told {
+    /// The source brings pictures of the camera's kind.
+    Opened {
+        /// It is a file.
+        is_file: bool,
+        /// What is odd about it, in words.
+        note: Option<String>,
+    },
+    /// A picture.
+    Picture(Box<Pictured>),
+    /// Whoever wrote into the pipe has closed it; it is waited for the next.
+    Closed,
+    /// What it brings cannot be used, in words; it is tried again.
+    Refused(String),
+    /// Nothing more comes from a file, where it is defective for this reason.
+    Over(Option<String>),
+}
+
+/// A picture that came.
+pub(super) struct Pictured {
+    pub(super) picture: Picture,
+    pub(super) interlace: Interlace,
+    pub(super) arrived_ns: Nanos,
+    pub(super) is_black: bool,
+    /// It is the first after the source was opened.
+    pub(super) is_first: bool,
+}
+
+/// Reads one source.
+pub(super) struct Reader {
+    pub(super) path: PathBuf,
+    pub(super) expected: Expected,
+    pub(super) outbox: SyncSender<Told>,
+    /// Pictures that are done with, to be filled again.
+    pub(super) spare: Receiver<Picture>,
+    pub(super) rope: BellRope,
+    pub(super) stop: Arc<AtomicBool>,
+}
+
+/// How a source ended.
+enum End {
+    Closed,
+    Over(Option<String>),
+    /// The process ends.
+    Stopped,
+}
+
+impl Reader {
+    /// Reads until a file is over or the process ends.
+    pub(super) fn run(self) {
+        loop {
+            let told = match self.read_source() {
+                Ok(End::Closed) => Told::Closed,
+                Ok(End::Over(why)) => return drop(self.tell(Told::Over(why))),
+                Ok(End::Stopped) => return,
+                Err(problem) => Told::Refused(format!("{problem:#}")),
+            };
+            let refused = matches!(told, Told::Refused(_));
+            if self.tell(told).is_err() {
+                return;
+            }
+            let rounds = if refused { ROUNDS_REFUSED } else { 0 };
+            (0..rounds).filter(|_| !self.stopping()).for_each(|_| pause());
+            if self.stopping() {
+                return;
+            }
+        }
+    }
+
+    fn stopping(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Waits where the process is not ready for more; an error where it is gone.
+    fn tell(&self, told: Told) -> Result<()> {
+        self.outbox.send(told).map_err(|_| anyhow!("nobody listens"))?;
+        self.rope.ring();
+        Ok(())
+    }
+
+    /// Opens the source and reads it to its end.
+    fn read_source(&self) -> Result<End> {
+        let unopened = |e: rustix::io::Errno| anyhow!("cannot be opened: {}", io::Error::from(e));
+        let flags = OFlags::RDONLY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let file = open(&self.path, flags, Mode::empty()).map_err(unopened)?;
+        let is_file = match FileType::from_raw_mode(fstat(&file).map_err(unopened)?.st_mode) {
+            FileType::RegularFile => true,
+            FileType::Fifo => false,
+            _ => bail!("is neither a pipe nor a file"),
+        };
+        let source =
+            Source { file: file.into(), is_file, stop: Arc::clone(&self.stop), ended: Arc::default() };
+        let ended = Arc::clone(&source.ended);
+        let mut input = BufReader::with_capacity(BUFFER, source);
+        let read = self.read_pictures(&mut input, is_file);
+        if self.stopping() {
+            return Ok(End::Stopped);
+        }
+        match read {
+            Err(problem) if is_file => Ok(End::Over(Some(format!("{problem:#}")))),
+            // The writer broke off within a picture.
+            Err(_) if ended.load(Ordering::Relaxed) => Ok(End::Closed),
+            Err(problem) => Err(problem),
+            Ok(()) if is_file => Ok(End::Over(None)),
+            Ok(()) => Ok(End::Closed),
+        }
+    }
+
+    fn read_pictures(&self, input: &mut impl BufRead, is_file: bool) -> Result<()> {
+        let mut stream = PictureStream::open(input, self.expected.clone())?;
+        self.tell(Told::Opened { is_file, note: stream.note.take() })?;
+        let mut is_first = true;
+        loop {
+            let mut picture = self.spare.try_recv().unwrap_or_default();
+            if !stream.read(&mut picture)? {
+                return Ok(());
+            }
+            let is_black = is_black(&picture);
+            let (interlace, arrived_ns) = (stream.interlace, now());
+            self.tell(Told::Picture(Box::new(Pictured {
+                picture,
+                interlace,
+                arrived_ns,
+                is_black,
+                is_first,
+            })))?;
+            is_first = false;
+        }
+    }
+}
+
+fn pause() {
+    let until = now() + LOOK_MS as u64 * 1_000_000;
+    ipc::clock::sleep_until(until);
+}
+
+/// A pipe or a file that is given up where the process ends.
+struct Source {
+    file: File,
+    is_file: bool,
+    stop: Arc<AtomicBool>,
+    /// Its end was reached.
+    ended: Arc<AtomicBool>,
+}
+
+impl Source {
+    /// Waits until a pipe has something or was closed. One that nobody has opened yet has neither.
+    fn wait(&self) -> io::Result<()> {
+        let timeout = Timespec { tv_sec: 0, tv_nsec: LOOK_MS * 1_000_000 };
+        while !self.is_file {
+            if self.stop.load(Ordering::Relaxed) {
+                return Err(io::Error::other("the process ends"));
+            }
+            match poll(&mut [PollFd::new(&self.file, PollFlags::IN)], Some(&timeout)) {
+                Ok(0) | Err(rustix::io::Errno::INTR) => {}
+                Ok(_) => return Ok(()),
+                Err(problem) => return Err(problem.into()),
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Read for Source {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        loop {
+            self.wait()?;
+            match self.file.read(buffer) {
+                Err(e) if matches!(e.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {}
+                Ok(0) => {
+                    self.ended.store(true, Ordering::Relaxed);
+                    return Ok(0);
+                }
+                read => return read,
+            }
+        }
+    }
+}

@@ -1,0 +1,104 @@
+//! Counts of one camera's fields, and how late they were there. Pure.
+
+use protocol::deliveries::Delays;
+
+/// Width of a class of delays, ns.
+const CLASS_NS: u64 = 50_000;
+/// Classes; what is later is in the last.
+const CLASSES: usize = 2_000;
+
+/// Delays by class, and the longest.
+#[derive(Debug, Clone)]
+pub struct DelayCounts {
+    classes: Vec<u64>,
+    count: u64,
+    longest_ns: u64,
+}
+
+impl Default for DelayCounts {
+    fn default() -> Self {
+        DelayCounts { classes: vec![0; CLASSES], count: 0, longest_ns: 0 }
+    }
+}
+
+impl DelayCounts {
+    /// Counts a delay, ns.
+    pub fn note(&mut self, delay_ns: u64) {
+        let class = (delay_ns / CLASS_NS).min(CLASSES as u64 - 1) as usize;
+        self.classes[class] += 1;
+        self.count += 1;
+        self.longest_ns = self.longest_ns.max(delay_ns);
+    }
+
+    /// Their percentiles, to 0.05 ms; zeros without any.
+    pub fn delays(&self) -> Delays {
+        let max = self.longest_ns as f64 * 1e-6;
+        Delays { p50: self.at_ms(0.5), p99: self.at_ms(0.99), max }
+    }
+
+    /// The delay that a share of all does not exceed, ms.
+    fn at_ms(&self, share: f64) -> f64 {
+        let wanted = (share * self.count as f64).ceil() as u64;
+        let mut sum = 0;
+        let class = self.classes.iter().position(|n| {
+            sum += n;
+            sum >= wanted
+        });
+        let ns = class.unwrap_or(0) as u64 * CLASS_NS;
+        ns as f64 * 1e-6
+    }
+}
+
+/// What became of a camera's fields.
+#[derive(Debug, Clone, Default)]
+pub struct Tally {
+    /// Put out.
+    pub fields: u64,
+    /// Left out for coming too late.
+    pub late: u64,
+    /// How often the source was opened and brought a picture.
+    pub openings: u64,
+    /// Number after the newest that was put out.
+    pub after_newest: u64,
+    /// Delays of those that were put out.
+    pub delays: DelayCounts,
+}
+
+impl Tally {
+    /// Counts a field that is put out.
+    pub fn put_out(&mut self, number: u64, delay_ns: u64) {
+        self.fields += 1;
+        self.after_newest = number + 1;
+        self.delays.note(delay_ns);
+    }
+
+    /// Numbers up to `next` for which nothing was put out.
+    pub fn missing(&self, next: u64) -> u64 {
+        next.max(self.after_newest).saturating_sub(self.fields)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentiles_are_those_of_the_delays() {
+        let mut counts = DelayCounts::default();
+        assert_eq!(counts.delays(), Delays::default());
+        (0..98).for_each(|_| counts.note(120_000));
+        counts.note(5_030_000);
+        counts.note(9_000_000_000);
+        let Delays { p50, p99, max } = counts.delays();
+        assert!((p50 - 0.1).abs() < 1e-9 && (p99 - 5.0).abs() < 1e-9 && (max - 9_000.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn what_was_not_put_out_is_missing() {
+        let mut tally = Tally::default();
+        assert_eq!(tally.missing(0), 0);
+        tally.put_out(0, 0);
+        tally.put_out(4, 0);
+        assert_eq!((tally.missing(5), tally.missing(9), tally.fields), (3, 7, 2));
+    }
+}

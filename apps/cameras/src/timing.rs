@@ -1,0 +1,138 @@
+//! Which number a picture has, and when it was taken. Pure: the present instant is an argument.
+//!
+//! A pipe has no instants. The instant at which every source has brought its first picture is the
+//! start; the field with number `k` of every camera counts as read out at start + `k` · period, and
+//! what a source brings one after the other has one number after the other. A source that is opened
+//! again goes on with the number whose time it then is. What comes more than [`LATE_PERIODS`] after
+//! its time is left out: a writer that was held up and catches up is then in step with the others
+//! again. One that lags and does not catch up is taken up anew, as if it had been opened again.
+
+use protocol::time::Nanos;
+
+/// A field that comes later than so many periods after it was read out is left out.
+pub const LATE_PERIODS: u64 = 2;
+/// Late fields in a row, none of which had waited, after which the numbers follow the source.
+const LAGS_AFTER: u32 = 10;
+
+/// Instants of the fields of a rig.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Clock {
+    /// The field with number 0 is read out, and every source has brought its first picture.
+    pub start_ns: Nanos,
+    /// Time between two fields of a camera, ns.
+    pub period_ns: u64,
+    /// From mid-exposure until the last line has left the sensor, ns.
+    pub exposed_before_ns: u64,
+    /// From the first line until the last has left the sensor, ns.
+    pub lines_ns: u64,
+}
+
+impl Clock {
+    /// When the last line of a field has left the sensor.
+    pub fn read_out(&self, number: u64) -> Nanos {
+        self.start_ns.saturating_add(number.saturating_mul(self.period_ns))
+    }
+
+    /// The middle of its exposure.
+    pub fn exposed(&self, number: u64) -> Nanos {
+        self.read_out(number).saturating_sub(self.exposed_before_ns)
+    }
+
+    /// Its first line leaves the sensor.
+    pub fn first_line(&self, number: u64) -> Nanos {
+        self.read_out(number).saturating_sub(self.lines_ns)
+    }
+
+    /// The number of a field that came unexpectedly: the newest that was read out by then. A quarter of
+    /// a period is allowed for a start that was told late.
+    pub fn number_at(&self, arrived: Nanos) -> u64 {
+        (arrived.saturating_add(self.period_ns / 4).saturating_sub(self.start_ns)) / self.period_ns
+    }
+}
+
+/// What becomes of a field.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// It has this number, and came so long after it was read out.
+    Taken {
+        /// Its number.
+        number: u64,
+        /// Its delay, ns; 0 for one that waited to be read.
+        delay_ns: u64,
+    },
+    /// It came too late.
+    Late,
+}
+
+/// The numbers of one camera's fields.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Numbering {
+    /// Of the field that comes next.
+    next: u64,
+    /// The next field is the first after the source was opened.
+    anew: bool,
+    /// The lag of the first of the late fields in a row, ns, and their count.
+    lag: Option<(u64, u32)>,
+    last_arrived: Nanos,
+}
+
+impl Numbering {
+    /// The source was opened: what comes next has the number whose time it is.
+    pub fn opened(&mut self) {
+        self.anew = true;
+    }
+
+    /// Number of the field that comes next, if its source goes on.
+    pub fn next(&self) -> u64 {
+        self.next
+    }
+
+    /// When the next field is published: as its first line leaves the sensor where all cameras have
+    /// theirs, else half a period after it was read out at the latest, so that one that comes a little
+    /// late is still of the same frame. That of a source that was opened is published when it comes.
+    pub fn due(&self, clock: &Clock, all_there: bool) -> Nanos {
+        match (self.anew, all_there) {
+            (true, _) => 0,
+            (_, true) => clock.first_line(self.next),
+            _ => clock.read_out(self.next).saturating_add(clock.period_ns / 2),
+        }
+    }
+
+    /// Numbers a field that was there at `arrived` and is looked at now.
+    pub fn place(&mut self, clock: &Clock, arrived: Nanos, now: Nanos) -> Place {
+        if std::mem::take(&mut self.anew) {
+            self.next = self.next.max(clock.number_at(arrived));
+            self.lag = None;
+        }
+        let gap_ns = arrived.saturating_sub(std::mem::replace(&mut self.last_arrived, arrived));
+        let number = self.next;
+        self.next += 1;
+        let read_out = clock.read_out(number);
+        let late_ns = LATE_PERIODS * clock.period_ns;
+        if now.max(arrived).saturating_sub(read_out) <= late_ns {
+            self.lag = None;
+            return Place::Taken { number, delay_ns: arrived.saturating_sub(read_out) };
+        }
+        self.note_lag(arrived.saturating_sub(read_out), gap_ns, clock.period_ns);
+        Place::Late
+    }
+
+    /// Looks whether a source that brings late fields catches up.
+    fn note_lag(&mut self, lag_ns: u64, gap_ns: u64, period_ns: u64) {
+        let waited = gap_ns < period_ns / 2;
+        let (first_ns, count) = self.lag.filter(|_| !waited).unwrap_or((lag_ns, 0));
+        let catches_up = lag_ns.saturating_add(period_ns) < first_ns;
+        self.lag = (!waited && !catches_up).then_some((first_ns, count + 1));
+        if count + 1 >= LAGS_AFTER && self.lag.is_some() {
+            self.opened();
+        }
+    }
+}
+
+/// Parity of a field by its number; `first` is that of number 0.
+pub fn parity_of(number: u64, first: u32) -> u32 {
+    ((number ^ u64::from(first)) & 1) as u32
+}
+
+#[cfg(test)]
+mod tests;

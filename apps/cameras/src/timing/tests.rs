@@ -1,0 +1,118 @@
+//! Checks of numbers and instants.
+
+use super::*;
+use proptest::prelude::*;
+
+const MS: u64 = 1_000_000;
+const P: u64 = 20 * MS;
+const CLOCK: Clock =
+    Clock { start_ns: 7_000 * MS, period_ns: P, exposed_before_ns: 20_432_000, lines_ns: 18_432_000 };
+
+/// Numbers of fields that come at these instants after the start, ms, and are looked at when they come.
+fn placed(numbering: &mut Numbering, at_ms: impl IntoIterator<Item = u64>) -> Vec<Option<u64>> {
+    let place = |ms| {
+        let at = CLOCK.start_ns + ms * MS;
+        match numbering.place(&CLOCK, at, at) {
+            Place::Taken { number, .. } => Some(number),
+            Place::Late => None,
+        }
+    };
+    at_ms.into_iter().map(place).collect()
+}
+
+#[test]
+fn a_field_is_exposed_and_read_out_as_the_rig_says() {
+    assert_eq!(CLOCK.read_out(3), CLOCK.start_ns + 3 * P);
+    assert_eq!(CLOCK.read_out(3) - CLOCK.first_line(3), 288 * 64_000);
+    assert_eq!(CLOCK.read_out(3) - CLOCK.exposed(3), 288 * 64_000 + 2 * MS);
+}
+
+#[test]
+fn what_waited_in_the_pipe_has_no_delay_and_what_came_later_has_its_own() {
+    let mut numbering = Numbering::default();
+    let (early, late) = (CLOCK.start_ns - 50 * MS, CLOCK.start_ns + P + 3 * MS);
+    assert_eq!(numbering.place(&CLOCK, early, CLOCK.start_ns), Place::Taken { number: 0, delay_ns: 0 });
+    assert_eq!(numbering.place(&CLOCK, late, late), Place::Taken { number: 1, delay_ns: 3 * MS });
+}
+
+#[test]
+fn a_field_waits_half_a_period_for_those_of_the_others() {
+    let mut numbering = Numbering::default();
+    placed(&mut numbering, [0]);
+    assert_eq!(numbering.due(&CLOCK, true), CLOCK.first_line(1));
+    assert_eq!(numbering.due(&CLOCK, false), CLOCK.read_out(1) + P / 2);
+}
+
+#[test]
+fn a_writer_that_catches_up_is_in_step_again() {
+    let mut numbering = Numbering::default();
+    assert_eq!(placed(&mut numbering, [0, 20]), [Some(0), Some(1)]);
+    // Held up for half a second, then 25 fields as fast as the pipe takes them.
+    let burst = placed(&mut numbering, (2..27).map(|k| 520 + k));
+    assert!(burst[..20].iter().all(Option::is_none), "{burst:?}");
+    assert_eq!(burst[24], Some(26));
+    assert_eq!(placed(&mut numbering, [547, 560]), [Some(27), Some(28)]);
+}
+
+#[test]
+fn a_writer_that_lags_for_good_is_taken_up_anew() {
+    let mut numbering = Numbering::default();
+    assert_eq!(placed(&mut numbering, [0]), [Some(0)]);
+    // It stood still for a second and does not make up for it.
+    let lagging = placed(&mut numbering, (1..40).map(|k| 1_000 + 20 * k));
+    let late = lagging.iter().take_while(|n| n.is_none()).count();
+    assert_eq!(late, LAGS_AFTER as usize);
+    let numbers: Vec<u64> = lagging[late..].iter().copied().map(|n| n.expect("in time")).collect();
+    assert_eq!(numbers[0], 50 + late as u64 + 1);
+    assert!(numbers.windows(2).all(|w| w[1] == w[0] + 1));
+}
+
+#[test]
+fn a_pipe_that_is_opened_again_goes_on_with_the_number_of_its_arrival() {
+    let mut numbering = Numbering::default();
+    assert_eq!(placed(&mut numbering, [0, 20]), [Some(0), Some(1)]);
+    numbering.opened();
+    assert_eq!(numbering.due(&CLOCK, false), 0);
+    // 5 ms before number 100 and 14 ms after it.
+    assert_eq!(placed(&mut numbering, [1_995]), [Some(100)]);
+    numbering.opened();
+    assert_eq!(placed(&mut numbering, [3_014, 3_020]), [Some(150), Some(151)]);
+    numbering.opened();
+    assert_eq!(placed(&mut numbering, [3_021]), [Some(152)], "no number comes twice");
+}
+
+#[test]
+fn parity_alternates_with_the_number() {
+    assert_eq!([0, 1, 2, 3].map(|k| parity_of(k, 0)), [0, 1, 0, 1]);
+    assert_eq!([0, 1, 1_000_001].map(|k| parity_of(k, 1)), [1, 0, 0]);
+}
+
+proptest! {
+    #[test]
+    fn numbers_grow_and_none_is_taken_beyond_its_time(
+        steps in prop::collection::vec((0u64..200, any::<bool>(), 0u64..100), 1..200)
+    ) {
+        let (mut numbering, mut at, mut last) = (Numbering::default(), CLOCK.start_ns, None);
+        for (wait_ms, opened, looked_ms) in steps {
+            at += wait_ms * MS;
+            if opened {
+                numbering.opened();
+            }
+            let now = at + looked_ms * MS;
+            if let Place::Taken { number, delay_ns } = numbering.place(&CLOCK, at, now) {
+                prop_assert!(last.is_none_or(|last| number > last));
+                prop_assert!(now.saturating_sub(CLOCK.read_out(number)) <= LATE_PERIODS * P);
+                prop_assert_eq!(delay_ns, at.saturating_sub(CLOCK.read_out(number)));
+                prop_assert!(!opened || number >= CLOCK.number_at(at));
+                last = Some(number);
+            }
+            prop_assert_eq!(numbering.next() > 0, true);
+        }
+    }
+
+    #[test]
+    fn parities_of_neighbours_differ(number in 0u64..u64::MAX, first in 0u32..2) {
+        prop_assert_ne!(parity_of(number, first), parity_of(number + 1, first));
+        prop_assert_eq!(parity_of(0, first), first);
+    }
+}

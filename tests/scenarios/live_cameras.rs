@@ -1,0 +1,228 @@
+//! Pictures that come through pipes and from files in place of the cameras: `vitreo run --cameras y4m:…`.
+//!
+//! The fields are painted once, of a surgeon who stands still but for one period, so that it does not
+//! matter when a pipe is opened. The pipes set the pace: what writes into them waits for its reader.
+
+use protocol::blobs::BlobField;
+use protocol::fields::{DARK, FieldPicture};
+use protocol::geometry::Validity;
+use protocol::health::{Process, STATE_DEGRADED, STATE_RUNNING, STATE_STARTING};
+use protocol::poses::TrackerFrame;
+use rig::Rig;
+use scene::{DEFAULT_SCENE, SceneFile};
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use surgeon::motion::MotionSource;
+use virtual_rig::cameras::{Cameras, Path as Way};
+use vitreo_tests::{Observer, Running, instance_name, interrupt, json, next, repository, vitreo};
+
+/// Number of the even field that is painted; the odd one follows it.
+const FIELD: u64 = 200;
+
+/// What each camera of the shipped rig sees: an even and an odd field.
+fn painted() -> Vec<[FieldPicture; 2]> {
+    let rig = Rig::load_or_shipped(None).expect("the shipped rig");
+    let scene = SceneFile::load(DEFAULT_SCENE).expect("the default scene");
+    let mut surgeon = MotionSource::new(&scene, &rig, None, 1);
+    let mut cameras = Cameras::new(&rig, Way::Pixels, 1).expect("cameras");
+    let mut field = |camera, number| {
+        let mut exposure = cameras.expose(camera, &mut surgeon, number);
+        let header = exposure.header();
+        let mut payload = vec![0; header.bytes()];
+        exposure.paint(&mut payload);
+        let mut whole = FieldPicture::new(rig.frame);
+        whole.blank_lines(0..whole.height, DARK);
+        whole.copy_lines(
+            0..header.lines as usize,
+            &FieldPicture::in_payload(&header, &payload).expect("planes"),
+        );
+        whole
+    };
+    (0..3).map(|camera| [field(camera, FIELD), field(camera, FIELD + 1)]).collect()
+}
+
+/// Header and pictures of a camera's stream: fields, or frames of two.
+fn stream(fields: &[FieldPicture; 2], interlaced: bool) -> (Vec<u8>, Vec<Vec<u8>>) {
+    let (width, height) = (fields[0].width, fields[0].height);
+    let planes = |f: &FieldPicture| [f.luma.clone(), f.blue.clone(), f.red.clone()];
+    let picture = |planes: [Vec<u8>; 3]| [b"FRAME\n".to_vec(), planes.concat()].concat();
+    if !interlaced {
+        let head = format!("YUV4MPEG2 W{width} H{height} F50:1 Ip C422\n");
+        return (head.into(), fields.iter().map(|f| picture(planes(f))).collect());
+    }
+    let [even, odd] = [planes(&fields[0]), planes(&fields[1])];
+    let woven = |plane: usize| {
+        let lines = even[plane].len() / height;
+        let pairs = even[plane].chunks(lines).zip(odd[plane].chunks(lines));
+        pairs.flat_map(|(even, odd)| [even, odd].concat()).collect()
+    };
+    let head = format!("YUV4MPEG2 W{width} H{} F25:1 It C422\n", 2 * height);
+    (head.into(), vec![picture([woven(0), woven(1), woven(2)])])
+}
+
+/// A writer into a pipe, over and over until it is told to stop or nobody reads.
+struct Writer {
+    stop: Arc<AtomicBool>,
+    thread: JoinHandle<()>,
+}
+
+impl Writer {
+    fn start(pipe: &Path, fields: &[FieldPicture; 2], interlaced: bool) -> Self {
+        let ((head, pictures), pipe) = (stream(fields, interlaced), pipe.to_owned());
+        let stop = Arc::<AtomicBool>::default();
+        let stopped = Arc::clone(&stop);
+        let thread = std::thread::spawn(move || {
+            let mut into = std::fs::File::options().write(true).open(&pipe).expect("a pipe");
+            let pieces = std::iter::once(&head).chain(pictures.iter().cycle());
+            for piece in pieces.take_while(|_| !stopped.load(Ordering::Relaxed)) {
+                match into.write_all(piece) {
+                    Err(e) if e.kind() == ErrorKind::BrokenPipe => return,
+                    written => written.expect("written"),
+                }
+            }
+        });
+        Writer { stop, thread }
+    }
+
+    fn close(self) {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.join().expect("it writes");
+    }
+}
+
+/// A folder with a rig and three pipes.
+struct Bench {
+    folder: tempfile::TempDir,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().expect("folder");
+        Bench { folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn text(&self, name: &str) -> String {
+        self.path(name).display().to_string()
+    }
+
+    fn pipes(&self) -> [PathBuf; 3] {
+        let pipes = ["a", "b", "c"].map(|name| self.path(name));
+        assert!(Command::new("mkfifo").args(&pipes).status().expect("mkfifo").success());
+        pipes
+    }
+
+    /// The command line of a run whose sources are named so.
+    fn run(&self, instance: &str, sources: &[&str], further: &[&str]) -> Vec<String> {
+        let sources: Vec<String> = sources.iter().map(|s| format!("y4m:{}", self.text(s))).collect();
+        let rig = repository().join("assets/rig.json").display().to_string();
+        let cameras = sources.join(",");
+        let args = ["run", "--no-picture", "--instance", instance, "--rig", &rig, "--cameras", &cameras];
+        args.iter().chain(further).map(|&arg| arg.to_owned()).collect()
+    }
+}
+
+fn words(args: &[String]) -> Vec<&str> {
+    args.iter().map(String::as_str).collect()
+}
+
+#[test]
+fn three_pipes_are_three_cameras_and_one_that_closes_is_taken_up_again() {
+    let (bench, name, painted) = (Bench::new(), instance_name(), painted());
+    let pipes = bench.pipes();
+    let (record, report) = (bench.text("r.mcap"), bench.text("r.json"));
+    let further = ["--record", &record, "--report", &report];
+    let run = Running::start(&words(&bench.run(&name, &["a", "b", "c"], &further)));
+    let mut observer = Observer::join(&name);
+    let [first, last] = [0, 2].map(|i| Writer::start(&pipes[i], &painted[i], false));
+    let source = Process::VirtualRig;
+    let waits = observer.health(source, |h| h.state == STATE_STARTING && h.text().contains("is waited for"));
+    assert!(waits.text().contains("/b"), "{}", waits.text());
+    let (mut poses, mut blobs) = (observer.receiver::<TrackerFrame>(), observer.receiver::<BlobField>());
+    let middle = Writer::start(&pipes[1], &painted[1], true);
+    let frame = next(&mut poses, |f| {
+        f.bodies.iter().all(|b| b.validity() == Validity::Measured) && f.used_count >= 3
+    });
+    middle.close();
+    let closed = observer.health(source, |h| h.state == STATE_DEGRADED && h.text().contains("is closed"));
+    assert!(closed.text().contains("/b"), "{}", closed.text());
+    let without = next(&mut poses, |f| f.field > frame.field + 10 && f.used_count == 2);
+    assert_ne!(without.bodies[0].validity(), Validity::Lost, "tracking goes on with the others");
+    let again = Writer::start(&pipes[1], &painted[1], true);
+    observer.health(source, |h| h.state == STATE_RUNNING && h.text().is_empty());
+    let back = next(&mut blobs, |b| b.camera == 1 && b.field > without.field);
+    assert!(back.count > 5, "{} blobs", back.count);
+    next(&mut poses, |f| f.field > back.field && f.used_count >= 3);
+    interrupt(run.pid());
+    let finished = run.finish();
+    assert!(matches!(finished.code, Some(0 | 3)), "{finished:?}");
+    [first, again, last].into_iter().for_each(Writer::close);
+    assert!(finished.stderr.contains("is closed by its writer"), "{}", finished.stderr);
+    let cameras = &json(&bench.path("r.json"))["cameras"];
+    assert_eq!(
+        (&cameras[1]["openings"], &cameras[1]["troubles"]["closed"]),
+        (&2.into(), &1.into()),
+        "{cameras}"
+    );
+    assert!(cameras[1]["missing"].as_u64() > Some(0), "{cameras}");
+    let fields = [0, 1, 2].map(|i| cameras[i]["fields"].as_u64().expect("a number"));
+    assert!(fields[1] > 0 && fields[0] > fields[1] && fields[2] > fields[1], "{cameras}");
+    assert!(finished.stdout.contains("delay p50"), "{}", finished.stdout);
+}
+
+#[test]
+fn a_pipe_without_a_writer_hangs_nothing() {
+    let (bench, name) = (Bench::new(), instance_name());
+    bench.pipes();
+    let run = Running::start(&words(&bench.run(&name, &["a", "b", "c"], &[])));
+    let mut observer = Observer::join(&name);
+    observer.health(Process::VirtualRig, |h| h.text().contains("nobody has opened its pipe"));
+    interrupt(run.pid());
+    let finished = run.finish().expect_code(0);
+    assert!(finished.stderr.contains("is waited for"), "{}", finished.stderr);
+}
+
+#[test]
+fn files_are_paced_and_end_the_run() {
+    let (bench, painted) = (Bench::new(), painted());
+    for (name, fields) in ["a", "b", "c"].iter().zip(&painted) {
+        let (head, pictures) = stream(fields, false);
+        std::fs::write(bench.path(name), [head, pictures.concat().repeat(30)].concat()).expect("written");
+    }
+    let report = bench.text("r.json");
+    let args = bench.run(&instance_name(), &["a", "b", "c"], &["--report", &report]);
+    let finished = vitreo(&words(&args));
+    assert!(matches!(finished.code, Some(0 | 3)), "{finished:?}");
+    let report = json(&bench.path("r.json"));
+    assert_eq!(report["ended_by"], "end of the stream");
+    assert!(report["duration_s"].as_f64() >= Some(1.1), "{}", report["duration_s"]);
+    let camera = &report["cameras"][2];
+    let number = |key: &str| camera[key].as_u64().expect("a number");
+    assert_eq!(number("fields") + number("late"), 60, "{camera}");
+}
+
+#[test]
+fn sources_that_cannot_be_cameras_are_refused_in_words() {
+    let (bench, painted) = (Bench::new(), painted());
+    let (head, pictures) = stream(&painted[0], false);
+    std::fs::write(bench.path("a"), [head, pictures.concat()].concat()).expect("written");
+    std::fs::write(bench.path("b"), "YUV4MPEG2 W640 H240 F50:1 Ip C422\nFRAME\n").expect("written");
+    std::fs::write(bench.path("c"), "YUV4MPEG2 W720 H288 F50:1 Ip C422p12\nFRAME\n").expect("written");
+    for (sources, code, named) in [
+        (&["a", "a"][..], 2, "expected 3 sources"),
+        (&["a"; 9], 2, "found 9"),
+        (&["a", "d", "a"], 1, "/d: No such file"),
+        (&["a", "b", "a"], 1, "progressive pictures of 640×240 px; the rig wants fields of 720×288 px"),
+        (&["a", "a", "c"], 1, "expected a colour space of 8 bits a sample"),
+    ] {
+        let refused = vitreo(&words(&bench.run(&instance_name(), sources, &[]))).expect_code(code);
+        assert!(refused.stderr.contains(named), "{sources:?}: {}", refused.stderr);
+    }
+}
