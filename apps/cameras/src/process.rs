@@ -189,7 +189,7 @@ impl LiveCameras {
             if let Some(trouble) = feed.condition.trouble() {
                 let between = if self.text.is_empty() { "" } else { "; " };
                 // Writing to a string cannot fail.
-                let _ = write!(self.text, "{between}{} {}", feed.source, trouble.text);
+                let _ = write!(self.text, "{between}camera {} {}", feed.camera(), trouble.text);
             }
         }
         let text = std::mem::take(&mut self.text);

@@ -141,6 +141,11 @@ impl Feed {
         })
     }
 
+    /// Its id in the rig.
+    pub(super) fn camera(&self) -> u32 {
+        self.sensor.camera
+    }
+
     /// Takes in what the reader has brought, up to a picture that waits for its instant.
     pub(super) fn listen(&mut self, now: Nanos) {
         while self.held.is_none() {
