@@ -2,13 +2,11 @@
 
 use anyhow::{Result, bail, ensure};
 use blob_stream::BlobReader;
+use blob_stream::live::delay_defect;
 use bytemuck::Zeroable;
 use protocol::blobs::{Blob, BlobField};
 use rig::Rig;
 use std::path::Path;
-
-/// Longest time between exposure and reception that a stream may claim, ns.
-const MAX_DELAY_NS: u64 = 10_000_000_000;
 
 /// A stream in memory: fields without their blobs, and all blobs in one row.
 pub struct BlobPlayback {
@@ -94,11 +92,7 @@ fn defect(field: &BlobField, rig: &Rig) -> Option<String> {
     if !rig.cameras.iter().any(|c| c.id == field.camera) {
         return Some(format!("expected a camera of the rig, found {}", field.camera));
     }
-    let (exposed, received) = (field.exposed_ns, field.blobs_out_ns);
-    let in_time = received >= exposed && received - exposed <= MAX_DELAY_NS;
-    (!in_time).then(|| {
-        format!("expected t_rx_ns at most 10 s after t_ns, found t_ns {exposed}, t_rx_ns {received}")
-    })
+    delay_defect(field)
 }
 
 #[cfg(test)]

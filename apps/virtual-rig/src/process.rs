@@ -1,9 +1,11 @@
 //! The virtual rig's process: channels, timeline, control requests and heartbeat.
 //!
-//! Its fields come from simulated cameras (`simulation`) or from a recorded stream of blobs (`playback`).
+//! Its fields come from simulated cameras (`simulation`), from a recorded stream of blobs (`playback`), or
+//! from one that is read while it is made (`live`).
 
 mod controls;
 mod kept;
+mod live;
 mod output;
 mod perception;
 mod playback;
@@ -28,6 +30,7 @@ use protocol::health::{Process, STATE_FINISHED, STATE_RUNNING};
 use protocol::phases::Phase;
 use protocol::time::Nanos;
 use rig::Rig;
+use settings::blob_source::BlobSource;
 use surgeon::ScriptedSurgeon;
 use timeline::Timeline;
 
@@ -44,6 +47,10 @@ pub fn run(config: &Config) -> Result<()> {
     }
     match &config.cameras.blobs {
         Some(path) => {
+            let source = BlobSource::of(path).map_err(anyhow::Error::msg).context("--blobs")?;
+            if source.is_live() {
+                return live::run(&source, config, &rig, surgeon);
+            }
             let stream = BlobPlayback::load(path, &rig).context("--blobs")?;
             let playback = Playback { stream, next: 0, beats: 0 };
             VirtualRigShell::open(config, &rig, surgeon)?.run(playback).map(drop)
@@ -54,6 +61,14 @@ pub fn run(config: &Config) -> Result<()> {
 
 /// Where the fields come from.
 trait Source {
+    /// Whether it is asked for nothing before the instant that it named, nor during a pause.
+    const WAITS: bool = true;
+
+    /// Rests until there may be something to put out, `due` where nothing else brings it.
+    fn rest(&self, shell: &Shell, due: Nanos) {
+        shell.rest_to(&[], due);
+    }
+
     /// Puts out what is due; returns when to go on, ns after the start.
     fn advance(&mut self, rig: &mut VirtualRigShell) -> Result<u64>;
 
@@ -196,6 +211,9 @@ struct VirtualRig<S> {
 impl<S: Source> VirtualRig<S> {
     /// Until when the source waits; a pause has no end.
     fn due(&self) -> Nanos {
+        if !S::WAITS {
+            return 0;
+        }
         self.until_ns.map_or(0, |offset_ns| self.rig.timeline.instant(offset_ns))
     }
 
@@ -220,7 +238,7 @@ impl<S: Source> Work<anyhow::Error> for VirtualRig<S> {
     }
 
     fn rest(&mut self) {
-        self.rig.shell.rest_to(&[], self.due());
+        self.source.rest(&self.rig.shell, self.due());
     }
 
     /// The hand stood still with the rig that moves it.

@@ -1,13 +1,15 @@
 //! The process itself: fields of pixels and of blobs, schedule, pause, reset, late cameras, end of
 //! a stream, shutdown.
 
+use blob_stream::live::LiveFigures;
 use ipc::clock::now;
 use ipc::{Instance, Queue, Receiver, Sender, wait};
 use protocol::blobs::BlobField;
 use protocol::control::{Answer, Command as Ask, Request};
 use protocol::fields::{FieldHeader, FieldPicture};
 use protocol::handles::{HandleState, PedalState};
-use protocol::health::{Health, Process, STATE_FINISHED, STATE_RUNNING};
+use protocol::health::{Health, Process, STATE_DEGRADED, STATE_FINISHED, STATE_RUNNING};
+use std::io::Write;
 use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 
@@ -310,6 +312,63 @@ fn a_recorded_stream_is_played_to_its_end() {
     setup.end();
 }
 
+/// A line of a stream whose writer counts from 0, by a clock of its own.
+fn live_line(seq: u64) -> String {
+    let t = 48_000_000 + seq * PERIOD_NS;
+    let blob = r#"{"x":300.5,"y":100.25,"area":180,"colour":"red","w":20,"h":11}"#;
+    let t_rx = t + 24_000_000;
+    format!("{{\"cam\":2,\"seq\":{seq},\"t_ns\":{t},\"t_rx_ns\":{t_rx},\"parity\":0,\"blobs\":[{blob}]}}\n")
+}
+
+#[test]
+fn a_pipe_is_live_and_heard_from_one_writer_after_the_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let fifo = folder.path().join("fifo");
+    assert!(Command::new("mkfifo").arg(&fifo).status().unwrap().success());
+    let mut setup = Setup::start("fi", &["--blobs", fifo.to_str().unwrap()]);
+    let waiting = |h: &Health| h.text().starts_with("waiting for a writer");
+    let mut fields = Vec::new();
+    for round in 1..=2u64 {
+        setup.until("a writer is waited for", |s| {
+            std::iter::from_fn(|| s.health.next_valid().unwrap()).find(waiting)
+        });
+        let mut writer = std::fs::File::options().write(true).open(&fifo).unwrap();
+        for seq in 0..10 {
+            // One at a time: each line comes out before the next is written.
+            writer.write_all(live_line(seq).as_bytes()).unwrap();
+            let next = setup.fields(1);
+            assert!(next.iter().all(|f| f.exposed_ns + 24_000_000 <= now()), "never from the future");
+            fields.extend(next);
+            if seq == 5 {
+                writer.write_all(b"{\"cam\":2}\n").unwrap();
+            }
+        }
+        let heard = 11 * round;
+        setup.until("the lines are counted, and nothing comes", |s| {
+            let mut beats = std::iter::from_fn(|| s.health.next_valid().unwrap());
+            beats.find(|h| (h.received, h.refused, h.state) == (heard, round, STATE_DEGRADED))
+        });
+    }
+    assert_eq!(fields.iter().map(|f| f.field).collect::<Vec<_>>(), (0..20).collect::<Vec<_>>());
+    assert!(fields.windows(2).all(|w| w[0].exposed_ns < w[1].exposed_ns));
+    let handle = setup.handles.next_valid().unwrap().unwrap();
+    assert!(handle.jaw_rad > 0.0, "open");
+    assert_eq!(setup.pedal.next_valid().unwrap().unwrap().axes, [0.0; 2], "up");
+    let directory = setup.instance.directory().to_owned();
+    assert_eq!(setup.ask(Ask::Ping), 0);
+    let left = LiveFigures::left_in(&directory).unwrap();
+    assert_eq!((left.lines, left.fields, left.bad, left.writers), (22, 20, 2, 2));
+    assert!(left.silences >= 1 && left.source.starts_with("FIFO "), "{left:?}");
+    setup.end();
+}
+
+#[test]
+fn a_live_stream_ends_with_its_duration_though_nobody_writes() {
+    let mut setup = Setup::start("po", &["--blobs", "tcp:0", "--duration", "0.2"]);
+    setup.state(STATE_FINISHED);
+    setup.end();
+}
+
 #[test]
 fn bad_input_ends_with_a_message_that_names_the_file() {
     let run = |args: &[&str]| {
@@ -319,6 +378,7 @@ fn bad_input_ends_with_a_message_that_names_the_file() {
     for (args, named, wanted) in [
         (["--motion", "/dev/null"], "/dev/null", 1),
         (["--blobs", "/nonexistent.jsonl"], "/nonexistent.jsonl", 1),
+        (["--blobs", "tcp:192.0.2.1:1"], "--blobs: tcp:192.0.2.1:1", 1),
         (["--scene", "nowhere"], "nowhere", 1),
         (["--rig", "/nonexistent.json"], "--rig: rig file /nonexistent.json", 1),
         (["--late-camera", "7=3"], "camera 7", 1),

@@ -10,6 +10,7 @@
 //! lines, and read no file.
 
 pub mod apply;
+pub mod blob_source;
 pub mod check;
 pub mod commands;
 pub mod describe;

@@ -35,7 +35,7 @@ mod wake;
 pub use block::{BlockReceiver, BlockSample, BlockSender};
 pub use channel::{Counts, Received, Receiver, Sender};
 pub use instance::{Instance, instance_directory, shared_memory_prefix};
-pub use wake::{Bell, BellRope, Listener, MAX_SOURCES, Wakes, wait};
+pub use wake::{Bell, BellRope, Listener, MAX_SOURCES, Wakes, wait, wait_beside};
 
 /// How a receiver wants its blocks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

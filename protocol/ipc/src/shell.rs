@@ -9,12 +9,13 @@ use crate::awake::Awake;
 use crate::clock::{now, sleep_until};
 use crate::logging::LogArgs;
 use crate::trace::{Trace, TraceArgs};
-use crate::{Instance, IpcError, MAX_SOURCES, Queue, Receiver, Sender, Wakes, wait};
+use crate::{Instance, IpcError, MAX_SOURCES, Queue, Receiver, Sender, Wakes, wait, wait_beside};
 use protocol::control::{Answer, Command, Request};
 use protocol::health::{Health, Process, STATE_STARTING};
 use protocol::limits::{HEARTBEAT_NS, MAX_WAIT_MS};
 use protocol::message::text_bytes;
 use protocol::time::Nanos;
+use std::os::fd::BorrowedFd;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -169,7 +170,17 @@ impl Shell {
         wait(&sources[..=channels.len()], until.saturating_sub(now()).min(longest_ns));
     }
 
-    /// The same for work that is due at an instant and not before: from half a millisecond before it on
+    /// [`Shell::rest`] beside files that bring work: it ends when one of them can be read, or was closed at its
+    /// other end.
+    ///
+    /// # Panics
+    /// With [`MAX_SOURCES`] files and more.
+    pub fn rest_beside(&self, files: &[BorrowedFd<'_>]) {
+        let longest_ns = if self.served { 0 } else { MAX_WAIT_MS * 1_000_000 };
+        wait_beside(&[&self.control], files, longest_ns);
+    }
+
+    /// [`Shell::rest`] for work that is due at an instant and not before: from half a millisecond before it on
     /// nothing wakes it, and it ends at `due`.
     ///
     /// # Panics

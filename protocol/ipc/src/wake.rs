@@ -143,22 +143,34 @@ pub trait Wakes {
 /// # Panics
 /// With more than [`MAX_SOURCES`].
 pub fn wait(sources: &[&dyn Wakes], timeout_ns: u64) {
-    assert!(sources.len() <= MAX_SOURCES, "at most {MAX_SOURCES} sources");
+    wait_beside(sources, &[], timeout_ns);
+}
+
+/// As [`wait`], and until one of `files` can be read or was closed at its other end. What is in them is
+/// left there.
+///
+/// # Panics
+/// With more than [`MAX_SOURCES`] of both together.
+pub fn wait_beside(sources: &[&dyn Wakes], files: &[BorrowedFd<'_>], timeout_ns: u64) {
+    let count = sources.len() + files.len();
+    assert!(count <= MAX_SOURCES, "at most {MAX_SOURCES} sources");
+    if count == 0 {
+        crate::clock::sleep_until(crate::clock::now() + timeout_ns);
+        return;
+    }
     let timeout = rustix::time::Timespec {
         tv_sec: (timeout_ns / 1_000_000_000) as i64,
         tv_nsec: (timeout_ns % 1_000_000_000) as _,
     };
     let poll_fd = |i: usize| {
-        let listener = sources[i.min(sources.len() - 1)].listener();
-        rustix::event::PollFd::from_borrowed_fd(listener.as_fd(), rustix::event::PollFlags::IN)
+        let i = i.min(count - 1);
+        let listened = sources.get(i).map(|source| source.listener().as_fd());
+        let fd = listened.unwrap_or_else(|| files[i - sources.len()]);
+        rustix::event::PollFd::from_borrowed_fd(fd, rustix::event::PollFlags::IN)
     };
-    if sources.is_empty() {
-        crate::clock::sleep_until(crate::clock::now() + timeout_ns);
-        return;
-    }
     let mut fds: [rustix::event::PollFd<'_>; MAX_SOURCES] = std::array::from_fn(poll_fd);
     // An interrupted or failed poll is a wake-up like any other.
-    let _ = rustix::event::poll(&mut fds[..sources.len()], Some(&timeout));
+    let _ = rustix::event::poll(&mut fds[..count], Some(&timeout));
     for source in sources {
         source.listener().drain();
     }

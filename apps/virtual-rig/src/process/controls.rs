@@ -11,6 +11,9 @@ use surgeon::motion::MotionSource;
 /// The pedal is sent when it changes, and at least so often, ns: 10 times a second.
 const PEDAL_EVERY_NS: u64 = 100_000_000;
 
+/// Jaws that hold nothing, rad: as scripted surgeons open them.
+const OPEN_RAD: f64 = 0.5;
+
 /// Jaws, tools and pedal at one exposure.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ControlSample {
@@ -29,6 +32,13 @@ impl ControlSample {
         let motion = surgeon.at(t_ns);
         let pedal = surgeon.pedal_at(t_ns, 0, 0);
         ControlSample { due_ns, field, jaw_rad: motion.jaw_rad, tool: motion.tool, pedal }
+    }
+
+    /// The controls where nobody works them: the scene's first tools with open jaws, the pedal up.
+    pub(super) fn at_rest(surgeon: &mut MotionSource, field: u64) -> Self {
+        let tool = surgeon.at(0).tool;
+        let pedal = PedalState::zeroed();
+        ControlSample { due_ns: 0, field, jaw_rad: [OPEN_RAD; INSTRUMENTS], tool, pedal }
     }
 }
 

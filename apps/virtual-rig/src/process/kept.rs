@@ -58,10 +58,8 @@ impl Keeper {
 
     /// Keeps the rest, whole or not at all.
     pub(super) fn keep(&mut self, standing: &Standing) {
-        let part = self.standing.with_extension("part");
         let kept = serde_json::to_vec(standing).map_err(io::Error::from);
-        let kept = kept.and_then(|text| fs::write(&part, text));
-        let kept = kept.and_then(|()| fs::rename(&part, &self.standing));
+        let kept = kept.and_then(|text| put_whole(&self.standing, &text));
         self.tell(kept);
     }
 
@@ -71,6 +69,13 @@ impl Keeper {
             tracing::warn!("the script cannot be kept, a restart would begin it anew: {problem}");
         }
     }
+}
+
+/// Writes a file of the instance's directory, whole or not at all.
+pub(super) fn put_whole(file: &Path, text: &[u8]) -> io::Result<()> {
+    let part = file.with_extension("part");
+    fs::write(&part, text)?;
+    fs::rename(&part, file)
 }
 
 #[cfg(test)]

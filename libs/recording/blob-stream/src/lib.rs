@@ -7,6 +7,7 @@
 //! file may hold more blobs a field than a [`BlobField`] ([`write_blobs`]), and lines without any,
 //! which give number and exposure of a field only ([`HeadReader`]).
 
+pub mod live;
 pub mod poses_csv;
 
 use bytemuck::Zeroable;

@@ -3,6 +3,7 @@
 
 use super::arrangement::Arrangement;
 use super::fundus::FundusArgs;
+use crate::blob_source::blob_source;
 use std::path::PathBuf;
 
 /// What a desk listens to where nothing is said: the window, and a gamepad where there is one.
@@ -123,8 +124,10 @@ pub struct VirtualRigArgs {
     /// Use all of the recorded movement, fitted to the workspace.
     #[arg(long, requires = "motion")]
     pub motion_full: bool,
-    /// Play a recorded blob stream in place of the cameras; needs its --rig.
-    #[arg(long, value_name = "BLOBS.jsonl", conflicts_with = "direct")]
+    /// Take blobs in place of the cameras' pixels; needs their --rig. A file is played with its own
+    /// spacing; a pipe, - (standard input) or tcp:[HOST:]PORT, on which a writer is waited for, is
+    /// taken line by line as it comes. See docs/blob-stream.md.
+    #[arg(long, value_name = "FILE|FIFO|-|tcp:PORT", conflicts_with = "direct", value_parser = blob_source)]
     pub blobs: Option<PathBuf>,
     /// Make blobs straight from the markers, without drawing pixels. With --cameras: the program
     /// publishes blobs.

@@ -1,0 +1,45 @@
+//! What is said of many alike: the first few each, then a count now and then.
+
+use protocol::time::Nanos;
+
+/// So many are told each.
+const EACH: u64 = 5;
+/// After that so often, ns.
+const PERIOD_NS: u64 = 1_000_000_000;
+
+/// Says the first few in words, and then at most every second how many more there were.
+#[derive(Debug, Clone, Default)]
+pub struct Complaints {
+    count: u64,
+    told: u64,
+    told_ns: Nanos,
+    last: String,
+}
+
+impl Complaints {
+    /// Takes one; returns what is to be said at once.
+    pub fn note(&mut self, text: String, at: Nanos) -> Option<String> {
+        self.count += 1;
+        if self.count > EACH {
+            self.last = text;
+            return self.due(at);
+        }
+        (self.told, self.told_ns) = (self.count, at);
+        Some(text)
+    }
+
+    /// What is to be said by now of those that were not told.
+    pub fn due(&mut self, at: Nanos) -> Option<String> {
+        if at < self.told_ns.saturating_add(PERIOD_NS) { None } else { self.rest(at) }
+    }
+
+    /// The same without waiting, at the end.
+    pub fn rest(&mut self, at: Nanos) -> Option<String> {
+        let more = self.count - self.told;
+        if more == 0 {
+            return None;
+        }
+        (self.told, self.told_ns) = (self.count, at);
+        Some(format!("{more} more of {}; the last: {}", self.count, self.last))
+    }
+}
