@@ -68,6 +68,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "settings",
             "scene",
             "recording",
+            "blob-stream",
             "diagnosis",
             "surgeon",
             "training",

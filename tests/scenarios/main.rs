@@ -15,6 +15,7 @@ mod field_trace;
 mod film;
 mod hostile;
 mod instruments;
+mod live_blobs;
 mod live_cameras;
 mod logging;
 mod modules;

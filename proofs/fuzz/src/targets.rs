@@ -2,6 +2,7 @@
 //! takes in whole streams of messages.
 
 mod binary;
+mod live;
 mod pairs;
 mod state;
 mod text;
@@ -62,7 +63,8 @@ pub struct Target {
 
 /// Every target, in the order in which a campaign tries them.
 pub fn all() -> Vec<Target> {
-    [wire::targets(), text::targets(), binary::targets(), pairs::targets(), state::targets()].concat()
+    [wire::targets(), text::targets(), live::targets(), binary::targets(), pairs::targets(), state::targets()]
+        .concat()
 }
 
 /// The target of this name.

@@ -18,6 +18,7 @@ use results::Store;
 use results::keeping::{self, seconds_since_1970};
 use results::store::check_name;
 use rig::Rig;
+use settings::blob_source::BlobSource;
 use settings::commands::cameras::{Cameras, Streams};
 use settings::commands::processes::{
     CollisionArgs, DeskArgs, PictureArgs, RigArgs, SceneArgs, VirtualRigArgs,
@@ -256,6 +257,17 @@ impl RunArgs {
         self.virtual_rig.blobs.is_none() && self.desk.is_none() && self.real.given().is_none()
     }
 
+    /// Where blobs come from, if they come from elsewhere than cameras.
+    fn blob_source(&self) -> Option<BlobSource> {
+        // What cannot be understood was refused when it was read.
+        self.virtual_rig.blobs.as_deref().and_then(|given| BlobSource::of(given).ok())
+    }
+
+    /// Whether blobs are taken from a stream while others write it.
+    pub fn takes_live_blobs(&self) -> bool {
+        self.blob_source().is_some_and(|source| source.is_live())
+    }
+
     /// The process that begins a run and ends it: the virtual rig, or the desk in the place of rig,
     /// camera hardware and tracker.
     pub fn source(&self) -> Process {
@@ -355,11 +367,13 @@ impl RunArgs {
     pub fn prepare(&self) -> anyhow::Result<Outputs> {
         let inputs = self.desk.as_ref().and_then(|d| d.inputs.clone());
         let (cameras, picture) = (&self.virtual_rig, &self.view.picture);
+        // A port is no file.
+        let blobs = cameras.blobs.clone().filter(|_| !matches!(self.blob_source(), Some(BlobSource::Tcp(_))));
         let faults = cameras.faults.as_ref().filter(|f| f.ends_with(".toml")).map(PathBuf::from);
         for (option, file) in [
             ("--rig", &self.rig.rig),
             ("--motion", &cameras.motion),
-            ("--blobs", &cameras.blobs),
+            ("--blobs", &blobs),
             ("--inputs", &inputs),
             ("--budgets", &self.judge.budgets),
             ("--fundus", &picture.fundus.fundus),

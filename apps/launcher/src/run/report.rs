@@ -7,6 +7,7 @@ pub use paper::{PaperLine, paper_table_4};
 use super::latency_stats::{LatencyStats, StageFigures};
 use super::load::{Load, NO_LOAD};
 use crate::machine::Machine;
+use blob_stream::live::LiveFigures;
 use diagnosis::{TrackingFigures, Warning};
 use protocol::deliveries::Delivery;
 use protocol::steps::{StepProfile, StepRecord};
@@ -55,6 +56,9 @@ pub struct Report {
     pub warnings: Vec<Warning>,
     /// Processes that ran and put out nothing for half a second or more.
     pub silences: Vec<Warning>,
+    /// What came of a live stream of blobs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub blob_stream: Option<LiveFigures>,
     /// Each process.
     pub processes: Vec<ProcessFigures>,
     /// Number of restarts, by process.
@@ -354,6 +358,9 @@ impl Report {
         }
         for (i, line) in self.tracking.lines.iter().enumerate() {
             writeln!(out, "{} {line}", if i == 0 { "tracking:" } else { "         " })?;
+        }
+        if let Some(stream) = &self.blob_stream {
+            writeln!(out, "blob stream: {}", stream.text())?;
         }
         if !self.events.is_empty() {
             let events: Vec<String> = self.events.iter().map(|(k, n)| format!("{k} {n}")).collect();

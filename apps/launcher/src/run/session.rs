@@ -204,7 +204,7 @@ impl<'a> Session<'a> {
                 monitor,
                 tracking,
                 watch: Watch::default(),
-                silence: SilenceWatch::new(args.desk.is_some()),
+                silence: SilenceWatch::new(args.desk.is_some(), args.takes_live_blobs()),
                 resume,
                 recorder,
                 score: LiveScore::default(),

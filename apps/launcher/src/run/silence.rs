@@ -14,6 +14,17 @@ const LONGEST_STEP_NS: u64 = 100_000_000;
 /// Silences kept for the report.
 const KEPT: usize = 100;
 
+/// What is said of a process.
+const OF_PROCESS: [&str; 2] =
+    ["its lines on standard error say why", "end the run and report this with its recording"];
+/// What is said of a live stream.
+const OF_STREAM: [&str; 2] = [
+    "its writer is not there, or writes nothing that can be used: virtual-rig's lines on standard error say which",
+    "see to the writer; the run goes on and takes its lines up again",
+];
+/// What a live stream is called.
+const STREAM: &str = "the blob stream";
+
 /// What a process puts out, in the order of the data path.
 #[derive(Debug)]
 struct Output {
@@ -23,6 +34,8 @@ struct Output {
     channel: usize,
     /// What its absence means.
     effect: &'static str,
+    /// Why nothing comes, after the count of what came before, and what helps.
+    advice: [&'static str; 2],
     /// Messages so far, by the newest call.
     count: u64,
     silent_ns: u64,
@@ -39,18 +52,21 @@ pub struct SilenceWatch {
 }
 
 impl SilenceWatch {
-    /// For a run whose poses come from a tracker or from a desk.
-    pub fn new(desk: bool) -> Self {
+    /// For a run whose poses come from a tracker or from a desk; `live`: its blobs from a stream that
+    /// others write.
+    pub fn new(desk: bool, live: bool) -> Self {
         let output = |name, channel: &str, effect| Output {
             name,
             channel: CHANNELS.iter().position(|c| *c == channel).unwrap_or(0),
             effect,
+            advice: if name == STREAM { OF_STREAM } else { OF_PROCESS },
             count: 0,
             silent_ns: 0,
             warning: None,
         };
         let (source, poses) = if desk { (None, Process::Desk) } else { (Some("blobs"), Process::Tracker) };
-        let source = source.map(|c| output("the camera side", c, "the tracker gets nothing"));
+        let cameras = if live { STREAM } else { "the camera side" };
+        let source = source.map(|c| output(cameras, c, "the tracker gets nothing"));
         let path = [
             output(poses.name(), "poses", "the instruments stand still in the picture"),
             output(Process::Simcore.name(), "steps", "the tissue stands still"),
@@ -90,8 +106,8 @@ impl SilenceWatch {
         let (name, channel) = (first.name, CHANNELS[first.channel]);
         let finding = Finding {
             what: format!("{name} puts out nothing on {channel}: {}", first.effect),
-            cause: format!("{} messages came before; its lines on standard error say why", first.count),
-            remedy: "end the run and report this with its recording".into(),
+            cause: format!("{} messages came before; {}", first.count, first.advice[0]),
+            remedy: first.advice[1].into(),
             subject: format!("silence of {name}"),
         };
         first.warning = Some(self.warnings.len());
@@ -106,10 +122,19 @@ impl SilenceWatch {
         Some(&self.warnings[index].finding)
     }
 
-    /// Every silence of the run.
-    pub fn warnings(&self) -> &[Warning] {
-        &self.warnings
+    /// Every silence of a process of the run.
+    pub fn of_processes(&self) -> Vec<Warning> {
+        self.warnings.iter().filter(|w| !is_of_stream(w)).cloned().collect()
     }
+
+    /// Every silence of a stream that others write: no process of the run is at fault.
+    pub fn of_stream(&self) -> Vec<Warning> {
+        self.warnings.iter().filter(|w| is_of_stream(w)).cloned().collect()
+    }
+}
+
+fn is_of_stream(warning: &Warning) -> bool {
+    warning.finding.subject.ends_with(STREAM)
 }
 
 fn end(warnings: &mut [Warning], index: Option<usize>, at_s: f64) {
@@ -136,14 +161,14 @@ mod tests {
 
     #[test]
     fn the_first_that_is_silent_is_named_once() {
-        let mut watch = SilenceWatch::new(false);
+        let mut watch = SilenceWatch::new(false, false);
         let all = ["blobs", "poses", "steps", "frames"];
         assert!(second(&mut watch, 0, &all).is_empty());
         assert_eq!(second(&mut watch, 1_000, &["blobs", "frames"]), ["silence of tracker"]);
         assert!(second(&mut watch, 2_000, &["blobs", "frames"]).is_empty());
         assert!(watch.present().is_some());
         assert!(second(&mut watch, 3_000, &all).is_empty() && watch.present().is_none());
-        let warning = &watch.warnings()[0];
+        let warning = &watch.of_processes()[0];
         assert!((warning.from_s - 0.99).abs() < 0.02, "{}", warning.from_s);
         assert_eq!(warning.to_s, Some(3.0));
         assert_eq!(second(&mut watch, 4_000, &["blobs", "poses"]), ["silence of simcore"]);
@@ -152,27 +177,39 @@ mod tests {
 
     #[test]
     fn who_got_nothing_is_judged_from_when_it_gets_something() {
-        let mut watch = SilenceWatch::new(false);
+        let mut watch = SilenceWatch::new(false, false);
         assert!(second(&mut watch, 0, &["blobs", "poses", "steps"]).is_empty());
         assert_eq!(second(&mut watch, 1_000, &["blobs"]), ["silence of tracker"]);
         // The poses are back, a call before the steps.
         let counts = |steps| CHANNELS.map(|c| if c == "steps" { steps } else { 9_000 });
-        assert!(watch.note(counts(7), 2_000 * MS, 2.0).is_none(), "{:?}", watch.warnings());
+        assert!(watch.note(counts(7), 2_000 * MS, 2.0).is_none(), "{:?}", watch.of_processes());
         assert!(watch.note(counts(8), 2_010 * MS, 2.01).is_none());
         assert_eq!(second(&mut watch, 3_000, &["blobs", "poses"]), ["silence of simcore"]);
-        assert_eq!(watch.warnings().len(), 2);
+        assert_eq!(watch.of_processes().len(), 2);
+    }
+
+    #[test]
+    fn a_stream_that_others_write_is_no_fault_of_a_process() {
+        let mut watch = SilenceWatch::new(false, true);
+        assert_eq!(second(&mut watch, 0, &[]), ["silence of the blob stream"]);
+        assert!(watch.present().is_some_and(|finding| finding.remedy.contains("see to the writer")));
+        assert!(second(&mut watch, 1_000, &["blobs", "poses", "steps"]).is_empty());
+        assert_eq!(second(&mut watch, 2_000, &["blobs"]), ["silence of tracker"]);
+        let silences = (watch.of_stream(), watch.of_processes());
+        assert_eq!((silences.0.len(), silences.1.len()), (1, 1));
+        assert_eq!(silences.0[0].to_s, Some(1.0));
     }
 
     #[test]
     fn a_desk_sends_poses_itself() {
-        let mut watch = SilenceWatch::new(true);
+        let mut watch = SilenceWatch::new(true, false);
         assert!(second(&mut watch, 0, &["poses", "steps"]).is_empty());
         assert_eq!(second(&mut watch, 1_000, &["steps"]), ["silence of desk"]);
     }
 
     #[test]
     fn neither_a_sleep_nor_a_pause_is_a_silence() {
-        let mut watch = SilenceWatch::new(false);
+        let mut watch = SilenceWatch::new(false, false);
         let counts = [1; CHANNELS.len()];
         watch.note(counts, 0, 0.0);
         assert!(watch.note(counts, 3_600_000 * MS, 3_600.0).is_none(), "an hour of sleep");
@@ -181,6 +218,6 @@ mod tests {
             watch.excuse(at * MS, at as f64 * 1e-3);
             assert!(watch.note(counts, (at + 99) * MS, at as f64 * 1e-3).is_none());
         }
-        assert!(watch.warnings().is_empty());
+        assert!(watch.of_processes().is_empty());
     }
 }

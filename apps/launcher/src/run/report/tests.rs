@@ -29,6 +29,7 @@ pub(crate) fn report() -> Report {
         least_tracked: ("eye", 1.0),
         warnings: Vec::new(),
         silences: Vec::new(),
+        blob_stream: None,
         format: FORMAT,
         budgets_kept: true,
         ended_by: "duration".into(),

@@ -9,7 +9,9 @@ use crate::run::report::{
     FORMAT, Incident, ProcessFigures, Report, Setup, Versions, paper_table_4, step_profile,
 };
 use crate::run::supervisor::Slot;
+use blob_stream::live::LiveFigures;
 use bytemuck::Zeroable;
+use diagnosis::Warning;
 use ipc::clock::now;
 use ipc::trace::json::FieldTrace;
 use protocol::blobs::BlobField;
@@ -68,8 +70,9 @@ impl Session<'_> {
             picture: self.consumers.monitor.picture(words),
             tracking: self.consumers.tracking.figures(),
             least_tracked: self.consumers.tracking.least_share(),
-            warnings: self.consumers.watch.warnings().to_vec(),
-            silences: self.consumers.silence.warnings().to_vec(),
+            warnings: self.warnings(),
+            silences: self.consumers.silence.of_processes(),
+            blob_stream: LiveFigures::left_in(self.instance.directory()),
             processes,
             restarts: slots.iter().map(|s| (s.process.name(), s.restarts)).collect(),
             incidents: std::mem::take(&mut self.incidents),
@@ -88,6 +91,11 @@ impl Session<'_> {
         let (options, directory) = (&self.args.outputs.trace, self.instance.directory());
         let trace = self.traced.collect(options, directory, self.started_ns, foreign_rig);
         Closed { report, attempts: self.attempts, trace }
+    }
+
+    /// What was wrong for longer than a moment, a live stream's silences among it.
+    fn warnings(&self) -> Vec<Warning> {
+        [self.consumers.watch.warnings(), &self.consumers.silence.of_stream()].concat()
     }
 
     /// Processors that all processes of the run together took on the average.
