@@ -148,7 +148,7 @@ fn a_what_if_of_a_part_begins_with_what_was_known_at_the_cut() {
     assert!(same.stderr.contains("begins at the cut with what the tracker knew there"), "{same:?}");
     vitreo(&["diff", &part, &again]).expect_code(0);
     vitreo(&["replay", &again, "--lockstep", "--verify"]).expect_code(0);
-    let anew = what_if(&other, &["--set", "tracker.tremor_damping=0.1"]).expect_code(0);
+    let anew = what_if(&other, &["--set", "tracker.tremor_ripple_db=3"]).expect_code(0);
     assert!(anew.stderr.contains("begins anew at the cut") && anew.stderr.contains("constants"), "{anew:?}");
     vitreo(&["replay", &other, "--lockstep", "--verify"]).expect_code(0);
     vitreo(&["diff", &part, &other]).expect_code(5);

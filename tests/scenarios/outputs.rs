@@ -276,7 +276,7 @@ fn on_a_full_disk_a_file_is_whole_or_absent() {
 fn a_what_if_and_a_sweep_that_run_out_of_disk_name_the_file_and_leave_nothing() {
     let desk = Desk::new();
     let recording = desk.name("a.mcap");
-    let sweep = "--set tracker.tremor_damping=0.016:0.05:2 --parquet FULL/o > /dev/null";
+    let sweep = "--set tracker.tremor_ripple_db=1:3:2 --parquet FULL/o > /dev/null";
     for line in [
         format!("vitreo replay {recording} -o FULL/o; echo $?; ls -A FULL"),
         format!(

@@ -10,6 +10,7 @@ use crate::rig_model::RigModel;
 use crate::tuning::Tuning;
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, MAX_CAMERAS};
+use protocol::poses::EYE;
 
 /// Capacity for candidates; candidates beyond it are dropped.
 const MAX_CANDIDATES: usize = 4096;
@@ -78,17 +79,38 @@ impl AssociationInput<'_> {
 pub struct Association {
     /// Matches of each body, nearest first.
     pub matches: [Vec<BlobMatch>; BODIES],
-    /// Unassigned blobs of each body near a marker that has no match.
-    pub near_misses: [u32; BODIES],
+    /// Unassigned blobs of each body near a marker that has no match, by camera.
+    pub near_misses: [[u32; MAX_CAMERAS]; BODIES],
     /// True if every blob had one possible marker, and every marker one possible blob.
     pub unambiguous: bool,
+}
+
+impl Association {
+    /// Number of blobs that lie beside the markers of a body.
+    pub fn beside(&self, body: usize) -> u32 {
+        self.near_misses[body].iter().sum()
+    }
+
+    /// True if most blobs of a body in all cameras, or in one, lie beside its markers. In one alone the motion may
+    /// be across the line of sight of that camera only; left out, its blobs would leave the depth to the others.
+    pub fn is_beside(&self, body: usize) -> bool {
+        let most =
+            |beside: u32, matched: usize| beside as usize >= k::MIN_NEAR_MISSES && beside as usize > matched;
+        let matched =
+            |body: usize, camera: usize| self.matches[body].iter().filter(|m| m.camera == camera).count();
+        let in_camera =
+            |body: usize, camera: usize| most(self.near_misses[body][camera], matched(body, camera));
+        // Where the eye's blobs lie beside its markers too, it is the camera that moved.
+        most(self.beside(body), self.matches[body].len())
+            || (0..MAX_CAMERAS).any(|camera| in_camera(body, camera) && !in_camera(EYE, camera))
+    }
 }
 
 impl Default for Association {
     fn default() -> Self {
         Association {
             matches: std::array::from_fn(|_| Vec::with_capacity(MAX_MATCHES)),
-            near_misses: [0; BODIES],
+            near_misses: [[0; MAX_CAMERAS]; BODIES],
             unambiguous: true,
         }
     }
@@ -162,11 +184,11 @@ impl Associator {
                 out.matches[c.body].push(*m);
             }
         }
-        out.near_misses = [0; BODIES];
+        out.near_misses = [[0; MAX_CAMERAS]; BODIES];
         for n in &self.near {
             let unmatched = markers_used[n.body][n.camera] & (1 << n.marker) == 0;
             if unmatched && blobs_used[n.camera] & (1 << n.blob) == 0 {
-                out.near_misses[n.body] += 1;
+                out.near_misses[n.body][n.camera] += 1;
             }
         }
         out.unambiguous = out.matches.iter().map(Vec::len).sum::<usize>() == self.candidates.len();

@@ -1,5 +1,7 @@
 //! Every tuning constant of the tracker: value, unit, and what breaks when it is moved.
 
+use crate::tremor_bank::Band;
+
 /// Default standard deviation of a blob's column for an area of 1 px, px. The centre is a mean over
 /// the area, so it falls with the root of the area (measured: 0.046 px at 175 px, 0.033 px at 350
 /// px).
@@ -24,7 +26,7 @@ pub const AREA_SCALE_STEP: f64 = 0.004;
 /// Initial standard deviation of the voluntary acceleration, mm/s².
 pub const VOLUNTARY_MM_S2: f64 = 15.0;
 /// Time constant of its lag, s: shorter overshoots, longer lags behind a reversal.
-pub const VOLUNTARY_TAU_S: f64 = 0.2;
+pub const VOLUNTARY_TAU_S: f64 = 0.4;
 /// Bounds of its adaptive variance, mm²/s⁴: an instrument at rest, one that is withdrawn.
 pub const VOLUNTARY_RANGE_MM2_S4: (f64, f64) = (25.0, 1e5);
 /// Time constant of its adaptation, s.
@@ -40,10 +42,15 @@ pub const INFLATION: [f64; 3] = [0.1, 15.0, 300.0];
 pub const NIS_RATIO_LIMIT: f64 = 1.7;
 /// Gain of that running ratio.
 pub const NIS_RATIO_GAIN: f64 = 0.15;
-/// Frequencies of the tremor's oscillators, Hz: physiological tremor lies between 6 and 14 Hz.
-pub const TREMOR_HZ: [f64; 5] = [7.0, 8.5, 10.0, 11.5, 13.0];
-/// Their damping ratio: wide enough to overlap, narrow enough to predict a period.
-pub const TREMOR_DAMPING: f64 = 0.016;
+/// Bands of the tremor: physiological tremor lies between 6 and 14 Hz, most of it between 8 and 12. More pole pairs
+/// predict better and cost time.
+pub const TREMOR_BANDS: [Band; 3] = [
+    Band { low_hz: 6.0, high_hz: 8.0, pairs: 3 },
+    Band { low_hz: 8.0, high_hz: 12.0, pairs: 4 },
+    Band { low_hz: 12.0, high_hz: 14.0, pairs: 3 },
+];
+/// Ripple of a band, dB: less has gentler slopes.
+pub const TREMOR_RIPPLE_DB: f64 = 1.0;
 /// The same for the roll, whose tremor is nearer to its noise: fewer and wider.
 pub const ROLL_TREMOR_HZ: [f64; 3] = [8.0, 10.0, 12.0];
 /// Their damping ratio.
@@ -52,12 +59,12 @@ pub const ROLL_TREMOR_DAMPING: f64 = 0.05;
 pub const ROLL_TREMOR_START_RAD: f64 = 0.003;
 /// Bounds of its adaptive variance, rad².
 pub const ROLL_TREMOR_RANGE_RAD2: (f64, f64) = (1e-8, 0.01);
-/// Initial standard deviation of the tremor's displacement per axis and oscillator, mm.
-pub const TREMOR_START_MM: f64 = 0.018;
+/// Initial standard deviation of the tremor's displacement per axis and band, mm.
+pub const TREMOR_START_MM: f64 = 0.023;
 /// Bounds of its adaptive variance, mm².
 pub const TREMOR_RANGE_MM2: (f64, f64) = (1e-7, 0.04);
 /// Time constant of its adaptation, s.
-pub const TREMOR_LEARNING_S: f64 = 0.4;
+pub const TREMOR_LEARNING_S: f64 = 0.3;
 /// Natural frequency of the play of a shaft in its trocar, rad/s.
 pub const PLAY_RAD_S: f64 = 3.0;
 /// Its damping ratio.

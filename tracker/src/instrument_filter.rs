@@ -6,9 +6,9 @@
 //! and a small change turns the body by δθ = d × (δm − δp)/L + d·δρ (ρ the roll). One camera that
 //! sees the shaft therefore observes the depth of the tip along its own line of sight.
 //!
-//! States, each a vector in the world: the voluntary movement (x, v, a, a'); a bank of oscillators
-//! from 6 to 14 Hz, whose displacements add up (each adapts its variance to its own state, as
-//! expectation–maximisation does); the play (m, m'). Then the roll (ρ, ρ', ρ''), a Singer model,
+//! States, each a vector in the world: the voluntary movement (x, v, a and its lags); the tremor in
+//! bands from 6 to 14 Hz, whose displacements add up (each adapts its variance to its own state, as
+//! expectation–maximisation does; see [`crate::tremor_bank`]); the play (m, m'). Then the roll (ρ, ρ', ρ''), a Singer model,
 //! with a small bank of its own. A measurement is a pose with its covariance *after* the prior went
 //! in (see `fit`); the rest of the state follows by its regression on the pose.
 
@@ -17,18 +17,18 @@ mod transition;
 
 use crate::block_matrix::{self, add_block, product, transpose};
 use crate::constants as k;
+use crate::motion_models::VoluntaryMotion;
 use crate::pose_math::{Matrix6, box_minus, exp};
 use crate::rig_model::BodyModel;
+use crate::tremor_bank::{self, BANDS, PAIRS, TremorBank};
 use crate::tuning::Tuning;
 use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use transition::{PLAY_MODEL, StateTransition, roll_model, roll_tremor_model, tremor_model, voluntary_model};
+use transition::{PLAY_MODEL, StateTransition, roll_model, roll_tremor_model, voluntary_model};
 
-/// Number of oscillators of the tremor.
-const TREMORS: usize = k::TREMOR_HZ.len();
 /// Number of vector states: voluntary movement, tremor, play.
 const VECTORS: usize = PLAY + 2;
-const TREMOR: usize = 4;
-const PLAY: usize = TREMOR + 2 * TREMORS;
+const TREMOR: usize = 5;
+const PLAY: usize = TREMOR + 2 * PAIRS;
 /// First row of the roll in the covariance.
 const ROLL: usize = 3 * VECTORS;
 const ROLL_TREMOR: usize = ROLL + 3;
@@ -58,8 +58,8 @@ pub struct InstrumentFilter {
     roll_tremor: [[f64; 2]; ROLL_TREMORS],
     rotation: UnitQuaternion<f64>,
     pivot: Pivot,
-    /// Variance of the displacement of each oscillator, mm².
-    tremor_variance: [f64; TREMORS],
+    /// Variance of the displacement of each band of the tremor, mm².
+    tremor_variance: [f64; BANDS],
     roll_tremor_variance: [f64; ROLL_TREMORS],
     voluntary_variance: f64,
     /// Running ratio of the NIS to its expectation.
@@ -68,6 +68,7 @@ pub struct InstrumentFilter {
     /// Instant of the state, ns.
     pub time_ns: u64,
     tuning: Tuning,
+    bank: TremorBank,
     /// Gain of the running ratio.
     nis_gain: f64,
 }
@@ -95,13 +96,14 @@ impl InstrumentFilter {
             roll_tremor: [[0.0; 2]; ROLL_TREMORS],
             rotation: pose.rotation,
             pivot,
-            tremor_variance: [k::TREMOR_START_MM * k::TREMOR_START_MM; TREMORS],
+            tremor_variance: [k::TREMOR_START_MM * k::TREMOR_START_MM; BANDS],
             roll_tremor_variance: [k::ROLL_TREMOR_START_RAD * k::ROLL_TREMOR_START_RAD; ROLL_TREMORS],
             voluntary_variance: tuning.voluntary_mm_s2 * tuning.voluntary_mm_s2,
             nis_ratio: 1.0,
             covariance: [[0.0; N]; N],
             time_ns,
             tuning,
+            bank: TremorBank::new(tuning.tremor_ripple_db),
             nis_gain: model.at_rate.nis_ratio_gain,
         };
         filter.vectors[0] = tip;
@@ -122,23 +124,18 @@ impl InstrumentFilter {
         let roll = (axis.transpose() * rotation * axis)[0];
         let tilt = (rotation.trace() - roll).max(0.0);
         let play = self.pivot.sigma * self.pivot.sigma;
-        let voluntary = voluntary_model(self.voluntary_variance, &self.tuning);
-        let lag = 1.0 / (voluntary.tau_s * voluntary.tau_s);
         for axis in 0..3 {
             let mut put = |vector: usize, variance: f64| p[3 * vector + axis][3 * vector + axis] = variance;
             put(1, k::START_SPEED_MM_S * k::START_SPEED_MM_S);
             put(2, self.voluntary_variance);
-            put(3, self.voluntary_variance * lag);
-            for (i, variance) in self.tremor_variance.iter().enumerate() {
-                put(TREMOR + 2 * i, *variance);
-                put(
-                    TREMOR + 2 * i + 1,
-                    variance * tremor_model(i, &self.tuning).omega * tremor_model(i, &self.tuning).omega,
-                );
+            for (n, ratio) in VoluntaryMotion::LAG_VARIANCES.into_iter().enumerate() {
+                put(3 + n, self.voluntary_variance * ratio);
             }
             put(PLAY, play + tilt * lever * lever + position.trace());
             put(PLAY + 1, play * k::PLAY_RAD_S * k::PLAY_RAD_S);
         }
+        self.add_tremor(|bank, i, j| *bank.stationary(i, j));
+        let p = &mut self.covariance;
         p[ROLL][ROLL] = roll;
         p[ROLL + 1][ROLL + 1] = k::START_TURN_RAD_S * k::START_TURN_RAD_S;
         p[ROLL + 2][ROLL + 2] = roll_model(&self.tuning).sigma * roll_model(&self.tuning).sigma;
@@ -165,8 +162,11 @@ impl InstrumentFilter {
     }
 
     fn velocity(&self) -> Vector3<f64> {
-        let tremor = self.vectors[TREMOR..PLAY].iter().skip(1).step_by(2);
-        tremor.fold(self.vectors[1], |sum, v| sum + v)
+        let pairs = self.vectors[TREMOR..PLAY].chunks_exact(2).enumerate();
+        pairs.fold(self.vectors[1], |sum, (pair, z)| {
+            let [real, imaginary] = self.bank.velocity(pair);
+            sum + z[0] * real + z[1] * imaginary
+        })
     }
 
     /// Distance of the shaft from its trocar, mm; 0 where the trocar is unknown.
@@ -185,7 +185,7 @@ impl InstrumentFilter {
     pub fn pose_after(&self, dt: f64) -> Isometry3<f64> {
         let mut ahead = (self.vectors, self.rotation, self.roll_tremor);
         if dt != 0.0 {
-            ahead = self.propagated(&StateTransition::new(dt, &self.tuning), &self.pivot);
+            ahead = self.propagated(&StateTransition::new(dt, &self.tuning, &self.bank), &self.pivot);
         }
         Isometry3::from_parts(Translation3::from(tip_of(&ahead.0)), ahead.1)
     }
@@ -219,7 +219,7 @@ impl InstrumentFilter {
         self.adapt_variances(whole_ns as f64 * 1e-9);
         let steps = whole_ns.div_ceil(k::LONGEST_STEP_NS);
         let dt = whole_ns as f64 * 1e-9 / steps as f64;
-        let step = StateTransition::new(dt, &self.tuning);
+        let step = StateTransition::new(dt, &self.tuning, &self.bank);
         let target = self.next_pivot(pivot);
         for i in 1..=steps {
             if i == steps {
@@ -259,15 +259,7 @@ impl InstrumentFilter {
         let play = PLAY_MODEL.noise(&step.play, self.pivot.sigma * self.pivot.sigma);
         let p = &mut self.covariance;
         for axis in 0..3 {
-            add_block(p, [axis, axis + 3, axis + 6, axis + 9], &voluntary);
-            for (i, f) in step.tremor.iter().enumerate() {
-                let first = 3 * (TREMOR + 2 * i) + axis;
-                add_block(
-                    p,
-                    [first, first + 3],
-                    &tremor_model(i, &self.tuning).noise(f, self.tremor_variance[i]),
-                );
-            }
+            add_block(p, std::array::from_fn(|n| axis + 3 * n), &voluntary);
             add_block(p, [3 * PLAY + axis, 3 * PLAY + 3 + axis], &play);
         }
         add_block(p, [ROLL, ROLL + 1, ROLL + 2], &roll_model(&self.tuning).noise(dt));
@@ -275,10 +267,31 @@ impl InstrumentFilter {
             let first = ROLL_TREMOR + 2 * i;
             add_block(p, [first, first + 1], &roll_tremor_model(i).noise(f, self.roll_tremor_variance[i]));
         }
+        self.add_tremor(|bank, i, j| bank.noise(&step.tremor, i, j));
     }
 
-    /// Adapts the variances of the oscillators and of the voluntary acceleration: running means
-    /// over the axes of the expected squares of their states, E[x²] = x̂² + P.
+    /// Adds to the covariance of the tremor's states, for each two pole pairs of a band, what `of` gives for a
+    /// band of variance 1.
+    fn add_tremor(&mut self, of: impl Fn(&TremorBank, usize, usize) -> tremor_bank::Block) {
+        for (range, variance) in tremor_bank::ranges().zip(self.tremor_variance) {
+            for i in range.clone() {
+                for j in range.clone() {
+                    let block = of(&self.bank, i, j).map(|row| row.map(|v| v * variance));
+                    for axis in 0..3 {
+                        for (r, row) in block.iter().enumerate() {
+                            for (c, v) in row.iter().enumerate() {
+                                let (at_r, at_c) = (TREMOR + 2 * i + r, TREMOR + 2 * j + c);
+                                self.covariance[3 * at_r + axis][3 * at_c + axis] += v;
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Adapts the variances of the tremor and of the voluntary acceleration: running means over the
+    /// axes of the expected squares of their states, E[x²] = x̂² + P.
     fn adapt_variances(&mut self, dt: f64) {
         let p = &self.covariance;
         let square = |vector: usize| {
@@ -288,9 +301,9 @@ impl InstrumentFilter {
         };
         let share = (dt / self.tuning.tremor_learning_s).min(0.2);
         let mut tremor = self.tremor_variance;
-        for (i, variance) in tremor.iter_mut().enumerate() {
-            let omega = tremor_model(i, &self.tuning).omega;
-            let now = 0.5 * (square(TREMOR + 2 * i) + square(TREMOR + 2 * i + 1) / (omega * omega));
+        for (variance, range) in tremor.iter_mut().zip(tremor_bank::ranges()) {
+            // Displacement and quadrature: the sums of real and of imaginary parts.
+            let now = 0.5 * (self.band_square(&range, 0) + self.band_square(&range, 1));
             *variance += share * (now - *variance);
             *variance = variance.clamp(k::TREMOR_RANGE_MM2.0, k::TREMOR_RANGE_MM2.1);
         }
@@ -307,6 +320,19 @@ impl InstrumentFilter {
         let voluntary = self.voluntary_variance + share * (square(2) - self.voluntary_variance);
         (self.tremor_variance, self.roll_tremor_variance) = (tremor, roll_tremor);
         self.voluntary_variance = voluntary.clamp(k::VOLUNTARY_RANGE_MM2_S4.0, k::VOLUNTARY_RANGE_MM2_S4.1);
+    }
+
+    /// Expected square of the sum of the parts (0 real, 1 imaginary) of the pole pairs of a band: mean of the axes.
+    fn band_square(&self, pairs: &std::ops::Range<usize>, part: usize) -> f64 {
+        let vectors = || pairs.clone().map(|pair| TREMOR + 2 * pair + part);
+        let sum: Vector3<f64> = vectors().map(|v| self.vectors[v]).sum();
+        let mut square = sum.norm_squared();
+        for r in vectors() {
+            for c in vectors() {
+                square += (0..3).map(|axis| self.covariance[3 * r + axis][3 * c + axis]).sum::<f64>();
+            }
+        }
+        square / 3.0
     }
 
     /// P·Hᵀ: covariance of the whole state with the pose.
@@ -461,7 +487,7 @@ fn tip_of(vectors: &[Vector3<f64>; VECTORS]) -> Vector3<f64> {
 fn pose_part(row: &Row, axis: &Vector3<f64>, lever: f64) -> (Vector3<f64>, Vector3<f64>) {
     let vector = |i: usize| Vector3::new(row[3 * i], row[3 * i + 1], row[3 * i + 2]);
     let mut tip = vector(0);
-    for i in 0..TREMORS {
+    for i in 0..PAIRS {
         tip += vector(TREMOR + 2 * i);
     }
     let roll = (0..ROLL_TREMORS).fold(row[ROLL], |sum, i| sum + row[ROLL_TREMOR + 2 * i]);

@@ -50,6 +50,7 @@ pub mod roll_recovery;
 pub mod stream;
 pub mod track;
 pub mod tracker;
+pub mod tremor_bank;
 pub mod tuning;
 pub mod ud_covariance;
 

@@ -1,11 +1,11 @@
 //! Linear motion models of one coordinate, each with its transition over a time and the process
 //! noise accumulated in it.
 //!
-//! - [`VoluntaryMotion`]: position, velocity, acceleration and its rate; the acceleration is white
-//!   noise through a critically damped second-order lag. Its spectrum falls as that of a voluntary
-//!   movement does (as f⁻⁴ above 1/2πτ; Singer's falls as f⁻²).
-//! - [`Oscillator`]: a stationary, lightly damped oscillator driven by white noise: a line of the
-//!   tremor's spectrum; with more damping, the play of a shaft in its trocar.
+//! - [`VoluntaryMotion`]: position, velocity, and an acceleration that is white noise through three
+//!   lags in a row. Its spectrum falls as that of a voluntary movement does (as f⁻⁶ above 1/2πτ;
+//!   Singer's falls as f⁻²). The tremor's is in [`crate::tremor_bank`].
+//! - [`Oscillator`]: a stationary, damped oscillator driven by white noise: a line of the spectrum of
+//!   the roll's tremor; with more damping, the play of a shaft in its trocar.
 //! - [`Singer`]: an acceleration as white noise through a first-order lag (Singer 1970).
 
 /// Singer model: x' = v, v' = a, a' = −a/τ + noise.
@@ -52,52 +52,61 @@ impl Singer {
     }
 }
 
-/// A voluntary movement: x' = v, v' = a, a'' = −a/τ² − 2a'/τ + noise.
+/// A voluntary movement: x' = v, v' = a, and a is white noise through three first-order lags in a row:
+/// a' = (b − a)/τ, b' = (c − b)/τ, c' = −c/τ + noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VoluntaryMotion {
     /// Standard deviation of the acceleration, mm/s².
     pub sigma: f64,
-    /// Time constant of the lag, s.
+    /// Time constant of each lag, s.
     pub tau_s: f64,
 }
 
 impl VoluntaryMotion {
-    /// Transition over `dt` seconds of (x, v, a, a'); only the upper triangle and the lower right
-    /// block differ from zero.
-    pub fn transition(&self, dt: f64) -> [[f64; 4]; 4] {
-        let t = self.tau_s;
-        let e = libm::exp(-dt / t);
-        let (t2, t3) = (t * t, t * t * t);
-        let x_a = 2.0 * t * dt - 3.0 * t2 + e * (3.0 * t2 + t * dt);
-        let x_j = t2 * dt - 2.0 * t3 + e * (2.0 * t3 + t2 * dt);
-        let v_a = 2.0 * t - e * (2.0 * t + dt);
-        let v_j = t2 - e * (t2 + t * dt);
+    /// Variances of b and c over that of a: where the noise is stationary, ∫ dω/(1 + ω²τ²)ⁿ for n = 3, 2, 1 gives
+    /// 3 : 4 : 8.
+    pub const LAG_VARIANCES: [f64; 2] = [4.0 / 3.0, 8.0 / 3.0];
+
+    /// Transition over `dt` seconds (either way) of (x, v, a, b, c); zero below the diagonal.
+    pub fn transition(&self, dt: f64) -> [[f64; 5]; 5] {
+        let (tau, s) = (self.tau_s, dt / self.tau_s);
+        let e = libm::exp(-s);
+        let lag = [e, e * s, e * 0.5 * s * s];
+        // ∫ of the lags, and of that again.
+        let (mut left, mut left_again) = (1.0, s);
+        let mut once = [0.0; 3];
+        let mut twice = [0.0; 3];
+        for n in 0..3 {
+            left -= lag[n];
+            left_again -= left;
+            (once[n], twice[n]) = (tau * left, tau * tau * left_again);
+        }
         [
-            [1.0, dt, x_a, x_j],
-            [0.0, 1.0, v_a, v_j],
-            [0.0, 0.0, e * (1.0 + dt / t), e * dt],
-            [0.0, 0.0, -e * dt / t2, e * (1.0 - dt / t)],
+            [1.0, dt, twice[0], twice[1], twice[2]],
+            [0.0, 1.0, once[0], once[1], once[2]],
+            [0.0, 0.0, lag[0], lag[1], lag[2]],
+            [0.0, 0.0, 0.0, lag[0], lag[1]],
+            [0.0, 0.0, 0.0, 0.0, lag[0]],
         ]
     }
 
-    /// Covariance of the process noise over `dt`, to the leading order in dt/τ: white noise of
-    /// density 4σ²/τ³ on a', integrated. `dt` must be well below τ.
-    pub fn noise(&self, dt: f64) -> [[f64; 4]; 4] {
-        let q = 4.0 * self.sigma * self.sigma / (self.tau_s * self.tau_s * self.tau_s);
-        // ∫ φᵢ·φⱼ with φ = (s³/6, s²/2, s, 1).
-        let factor = [6.0, 2.0, 1.0, 1.0];
-        let mut noise = [[0.0; 4]; 4];
-        let mut powers = [dt; 7];
-        for n in 1..7 {
+    /// Covariance of the process noise over `dt`, to the leading order in dt/τ: white noise of density 16σ²/3τ on c,
+    /// integrated. `dt` must be well below τ.
+    pub fn noise(&self, dt: f64) -> [[f64; 5]; 5] {
+        let tau = self.tau_s;
+        let q = 16.0 / 3.0 * self.sigma * self.sigma / tau;
+        // ∫ φᵢ·φⱼ with φ = (s⁴/24τ², s³/6τ², s²/2τ², s/τ, 1).
+        let factor = [24.0 * tau * tau, 6.0 * tau * tau, 2.0 * tau * tau, tau, 1.0];
+        let mut powers = [dt; 9];
+        for n in 1..9 {
             powers[n] = powers[n - 1] * dt;
         }
-        for (r, row) in noise.iter_mut().enumerate() {
-            for (c, cell) in row.iter_mut().enumerate() {
-                let n = 6 - r - c;
-                *cell = q * powers[n] / ((n + 1) as f64 * factor[r] * factor[c]);
-            }
-        }
-        noise
+        std::array::from_fn(|r| {
+            std::array::from_fn(|c| {
+                let n = 8 - r - c;
+                q * powers[n] / ((n + 1) as f64 * factor[r] * factor[c])
+            })
+        })
     }
 }
 
@@ -133,19 +142,19 @@ impl Oscillator {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Matrix2, Matrix4};
+    use nalgebra::{Matrix2, Matrix5};
     use proptest::prelude::*;
 
     const SINGER: Singer = Singer { sigma: 200.0, tau_s: 0.05 };
-    const VOLUNTARY: VoluntaryMotion = VoluntaryMotion { sigma: 15.0, tau_s: 0.2 };
+    const VOLUNTARY: VoluntaryMotion = VoluntaryMotion { sigma: 15.0, tau_s: 0.4 };
 
-    fn matrix(m: [[f64; 4]; 4]) -> Matrix4<f64> {
-        Matrix4::from_fn(|r, c| m[r][c])
+    fn matrix(m: [[f64; 5]; 5]) -> Matrix5<f64> {
+        Matrix5::from_fn(|r, c| m[r][c])
     }
 
     /// The transition by its series, from the differential equation alone.
-    fn exponential(f: &Matrix4<f64>) -> Matrix4<f64> {
-        let (mut sum, mut term) = (Matrix4::identity(), Matrix4::identity());
+    fn exponential(f: &Matrix5<f64>) -> Matrix5<f64> {
+        let (mut sum, mut term) = (Matrix5::identity(), Matrix5::identity());
         for n in 1..40 {
             term = term * f / f64::from(n);
             sum += term;
@@ -164,9 +173,10 @@ mod tests {
     proptest! {
         #[test]
         fn voluntary_transition_solves_its_equation(dt in -0.1..0.2f64) {
-            let (t, mut f) = (VOLUNTARY.tau_s, Matrix4::zeros());
-            (f[(0, 1)], f[(1, 2)], f[(2, 3)]) = (1.0, 1.0, 1.0);
-            (f[(3, 2)], f[(3, 3)]) = (-1.0 / (t * t), -2.0 / t);
+            let (t, mut f) = (VOLUNTARY.tau_s, Matrix5::zeros());
+            (f[(0, 1)], f[(1, 2)]) = (1.0, 1.0);
+            (f[(2, 3)], f[(3, 4)]) = (1.0 / t, 1.0 / t);
+            (f[(2, 2)], f[(3, 3)], f[(4, 4)]) = (-1.0 / t, -1.0 / t, -1.0 / t);
             prop_assert!((matrix(VOLUNTARY.transition(dt)) - exponential(&(f * dt))).norm() < 1e-9);
         }
 
@@ -192,6 +202,28 @@ mod tests {
             let step = matrix(VOLUNTARY.transition(dt));
             let sum = step * half * step.transpose() + half;
             prop_assert!((sum - whole).norm() < 0.2 * whole.norm(), "leading order only");
+        }
+
+        /// A stationary acceleration keeps the variances that its noise gives it: Σ = F·Σ·Fᵀ + Q.
+        #[test]
+        fn voluntary_noise_keeps_the_stationary_acceleration(dt in 0.0005..0.004f64) {
+            let (f, q) = (VOLUNTARY.transition(dt), VOLUNTARY.noise(dt));
+            let mut p = matrix([[0.0; 5]; 5]);
+            for n in 0..3 {
+                p[(2 + n, 2 + n)] = 1.0;
+            }
+            let (f, q) = (matrix(f), matrix(q));
+            for _ in 0..6000 {
+                p = f * p * f.transpose() + q;
+                p.fixed_view_mut::<2, 5>(0, 0).fill(0.0);
+                p.fixed_view_mut::<5, 2>(0, 0).fill(0.0);
+            }
+            let variance = VOLUNTARY.sigma * VOLUNTARY.sigma;
+            let expected = [1.0, VoluntaryMotion::LAG_VARIANCES[0], VoluntaryMotion::LAG_VARIANCES[1]];
+            for (n, expected) in expected.into_iter().enumerate() {
+                let ratio = p[(2 + n, 2 + n)] / (variance * expected);
+                prop_assert!((ratio - 1.0).abs() < 0.03, "state {}: {}", n, ratio);
+            }
         }
     }
 }

@@ -13,7 +13,6 @@
 //! at rest does not wind it up.
 
 use crate::checkpoint::{Done, Loader, Saver};
-use crate::motion_models::VoluntaryMotion;
 use crate::ud_covariance::UdCovariance;
 use nalgebra::{SMatrix, SVector, Vector3};
 use std::sync::Arc;
@@ -33,8 +32,11 @@ const SWINGS: usize = 2 * SWING_HZ.len();
 /// wind the covariance up.
 const INFORMATION_FLOOR: f64 = 1e-4;
 
-/// Voluntary movement of the typical motion.
-const TYPICAL_VOLUNTARY: VoluntaryMotion = VoluntaryMotion { sigma: 15.0, tau_s: 0.3 };
+/// Standard deviation of the voluntary acceleration of the typical motion, mm/s²: white noise through a critically
+/// damped second-order lag.
+const TYPICAL_VOLUNTARY_MM_S2: f64 = 15.0;
+/// Time constant of that lag, s.
+const TYPICAL_LAG_S: f64 = 0.3;
 /// Standard deviation of its tremor per axis, mm.
 const TYPICAL_TREMOR_MM: f64 = 0.02;
 /// Standard deviation of the noise of a measured tip per axis, mm.
@@ -239,14 +241,14 @@ impl<const L: usize> RlsPredictor<L> {
 /// cancels in differences: ∫ S(f)·(cos 2πfτ − 1) df of its spectrum.
 fn typical_autocovariance(lags: usize, period_s: f64) -> [f64; LAGS] {
     const STEP_HZ: f64 = 0.02;
-    let (voluntary, tremor, noise) = (TYPICAL_VOLUNTARY, TYPICAL_TREMOR_MM, TYPICAL_NOISE_MM);
+    let (sigma, tau_s) = (TYPICAL_VOLUNTARY_MM_S2, TYPICAL_LAG_S);
+    let (tremor, noise) = (TYPICAL_TREMOR_MM, TYPICAL_NOISE_MM);
     let mut covariance = [0.0; LAGS];
     for n in 1..1250 {
         let f = f64::from(n) * STEP_HZ;
         let w = 2.0 * std::f64::consts::PI * f;
-        let lag = 1.0 + (w * voluntary.tau_s) * (w * voluntary.tau_s);
-        let voluntary_psd =
-            voluntary.sigma * voluntary.sigma * 4.0 * voluntary.tau_s / (lag * lag) / (w * w * w * w);
+        let lag = 1.0 + (w * tau_s) * (w * tau_s);
+        let voluntary_psd = sigma * sigma * 4.0 * tau_s / (lag * lag) / (w * w * w * w);
         let tremor_psd =
             if f >= BAND_HZ.0 && f <= BAND_HZ.1 { tremor * tremor / (BAND_HZ.1 - BAND_HZ.0) } else { 0.0 };
         for (lag, value) in covariance.iter_mut().enumerate().take(lags) {

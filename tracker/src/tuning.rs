@@ -72,7 +72,7 @@ tunables! {
     voluntary_mm_s2, "mm/s²", k::VOLUNTARY_MM_S2, 5.0..300.0, "initial standard deviation of the voluntary acceleration";
     voluntary_tau_s, "s", k::VOLUNTARY_TAU_S, 0.1..2.0, "time constant of its lag";
     voluntary_learning_s, "s", k::VOLUNTARY_LEARNING_S, 0.1..60.0, "time constant of the adaptation of its variance";
-    tremor_damping, "", k::TREMOR_DAMPING, 0.001..0.5, "damping ratio of the tremor's oscillators";
+    tremor_ripple_db, "dB", k::TREMOR_RIPPLE_DB, 0.01..6.0, "ripple of the tremor's bands";
     tremor_learning_s, "s", k::TREMOR_LEARNING_S, 0.1..60.0, "time constant of the adaptation of the tremor's variance";
     turn_acceleration_rad_s2, "rad/s²", k::TURN_ACCELERATION_RAD_S2, 0.1..200.0, "standard deviation of the acceleration of an instrument's roll";
     turn_acceleration_tau_s, "s", k::TURN_ACCELERATION_TAU_S, 0.01..10.0, "its time constant";
@@ -180,8 +180,11 @@ mod tests {
 
     #[test]
     fn an_unknown_key_is_answered_with_the_nearest() {
-        let error = Tuning::default().set("tremor_dampening", 0.1).unwrap_err();
-        assert_eq!(error, TuningError::Unknown { key: "tremor_dampening".into(), nearest: "tremor_damping" });
+        let error = Tuning::default().set("tremor_riple_db", 0.1).unwrap_err();
+        assert_eq!(
+            error,
+            TuningError::Unknown { key: "tremor_riple_db".into(), nearest: "tremor_ripple_db" }
+        );
         assert_eq!((edits("", "ab"), edits("gate", "gaze"), edits("kitten", "sitting")), (2, 1, 3));
     }
 }

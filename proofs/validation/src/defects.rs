@@ -32,7 +32,7 @@ use tracker::tuning::TUNABLE;
 const SIZE: f64 = 0.2;
 /// Constants of the tracker that are planted: those that make a difference in any recording.
 const CONSTANTS: [&str; 5] =
-    ["sigma_x_px", "tremor_damping", "voluntary_tau_s", "eye_acceleration_rad_s2", "voluntary_learning_s"];
+    ["sigma_x_px", "tremor_learning_s", "voluntary_tau_s", "eye_acceleration_rad_s2", "voluntary_learning_s"];
 
 /// A defect.
 #[derive(Debug, Clone, Copy, PartialEq)]

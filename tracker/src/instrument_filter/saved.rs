@@ -11,7 +11,7 @@ impl InstrumentFilter {
     pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
         let InstrumentFilter { vectors, roll_rate, roll_acceleration, roll_tremor, rotation, .. } = self;
         let InstrumentFilter { pivot, tremor_variance, roll_tremor_variance, voluntary_variance, .. } = self;
-        let InstrumentFilter { nis_ratio, covariance, time_ns, tuning: _, nis_gain: _, .. } = self;
+        let InstrumentFilter { nis_ratio, covariance, time_ns, tuning: _, bank: _, nis_gain: _, .. } = self;
         out.put(time_ns)?;
         out.rotation(rotation)?;
         out.numbers(vectors.iter().flatten())?;

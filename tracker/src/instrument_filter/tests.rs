@@ -58,9 +58,8 @@ fn the_bank_learns_where_the_tremor_is() {
         f.predict(FIELD_NS * (n + 1), Some(pivot()));
         measure(&mut f, &through(tip(n as f64 * 0.02)), &(Matrix6::identity() * 1e-6));
     }
-    let [low, .., high] = f.tremor_variance;
-    let most = f.tremor_variance.into_iter().fold(0.0, f64::max);
-    assert!(f.tremor_variance[2] == most && most > 4.0 * low.max(high), "{:?}", f.tremor_variance);
+    let [low, middle, high] = f.tremor_variance;
+    assert!(middle > 4.0 * low.max(high), "{:?}", f.tremor_variance);
 }
 
 #[test]

@@ -1,10 +1,11 @@
 //! State transition of an instrument: the transitions of its motion models, applied to the rows of
 //! a covariance or to the states.
 
-use super::{N, PLAY, ROLL, ROLL_TREMOR, ROLL_TREMORS, Row, TREMOR, TREMORS, VECTORS};
+use super::{N, PLAY, ROLL, ROLL_TREMOR, ROLL_TREMORS, Row, TREMOR, VECTORS};
 use crate::block_matrix::{combine_rows, combine_vectors};
 use crate::constants as k;
 use crate::motion_models::{Oscillator, Singer, VoluntaryMotion};
+use crate::tremor_bank::{Block, PAIRS, TremorBank};
 use crate::tuning::Tuning;
 use nalgebra::Vector3;
 
@@ -12,10 +13,6 @@ pub(super) const PLAY_MODEL: Oscillator = Oscillator { omega: k::PLAY_RAD_S, dam
 
 pub(super) fn roll_model(tuning: &Tuning) -> Singer {
     Singer { sigma: tuning.turn_acceleration_rad_s2, tau_s: tuning.turn_acceleration_tau_s }
-}
-
-pub(super) fn tremor_model(i: usize, tuning: &Tuning) -> Oscillator {
-    Oscillator { omega: 2.0 * std::f64::consts::PI * k::TREMOR_HZ[i], damping: tuning.tremor_damping }
 }
 
 pub(super) fn roll_tremor_model(i: usize) -> Oscillator {
@@ -28,8 +25,8 @@ pub(super) fn voluntary_model(variance: f64, tuning: &Tuning) -> VoluntaryMotion
 
 /// Transitions of all motion models over one time step.
 pub(super) struct StateTransition {
-    pub voluntary: [[f64; 4]; 4],
-    pub tremor: [[[f64; 2]; 2]; TREMORS],
+    pub voluntary: [[f64; 5]; 5],
+    pub tremor: [Block; PAIRS],
     pub play: [[f64; 2]; 2],
     pub roll: [[f64; 3]; 3],
     pub roll_tremor: [[[f64; 2]; 2]; ROLL_TREMORS],
@@ -37,10 +34,10 @@ pub(super) struct StateTransition {
 
 impl StateTransition {
     /// Over `dt` seconds.
-    pub fn new(dt: f64, tuning: &Tuning) -> Self {
+    pub fn new(dt: f64, tuning: &Tuning, bank: &TremorBank) -> Self {
         StateTransition {
             voluntary: voluntary_model(1.0, tuning).transition(dt),
-            tremor: std::array::from_fn(|i| tremor_model(i, tuning).transition(dt)),
+            tremor: bank.transition(dt),
             play: PLAY_MODEL.transition(dt),
             roll: roll_model(tuning).transition(dt),
             roll_tremor: std::array::from_fn(|i| roll_tremor_model(i).transition(dt)),
@@ -50,7 +47,7 @@ impl StateTransition {
     /// F·M, where `rows` are the rows of M, three for each vector.
     pub fn apply(&self, rows: &mut [Row; N]) {
         for axis in 0..3 {
-            combine_rows(rows, [axis, axis + 3, axis + 6, axis + 9], &self.voluntary);
+            combine_rows(rows, std::array::from_fn(|n| axis + 3 * n), &self.voluntary);
             for (i, f) in self.tremor.iter().enumerate() {
                 let first = 3 * (TREMOR + 2 * i) + axis;
                 combine_rows(rows, [first, first + 3], f);

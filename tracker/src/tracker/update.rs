@@ -136,11 +136,7 @@ impl Tracker {
     /// is one.
     fn inflate_covariances(&mut self, association: &Association) -> bool {
         let mut inflated = false;
-        for body in (0..BODIES).filter(|b| *b != EYE) {
-            let beside = association.near_misses[body] as usize;
-            if beside < k::MIN_NEAR_MISSES || beside <= association.matches[body].len() {
-                continue;
-            }
+        for body in (0..BODIES).filter(|b| *b != EYE && association.is_beside(*b)) {
             if let Some(BodyFilter::Instrument(filter)) = &mut self.tracks[body].filter {
                 filter.inflate_covariance();
                 inflated = true;
@@ -246,7 +242,7 @@ impl Tracker {
         let fit = estimate.fits[body]?;
         let matches = &estimate.association.matches[body];
         let track = &mut self.tracks[body];
-        track.count_near_misses(estimate.association.near_misses[body]);
+        track.count_near_misses(estimate.association.beside(body));
         if !track.update(&fit, prior_information, matches, group.time_ns, &self.rig) {
             return None;
         }

@@ -76,14 +76,14 @@ fn another_constant_a_higher_membrane_and_a_moved_camera_make_recordings_that_ve
     moved.cameras[1].t[0] += 0.05;
     std::fs::write(&rig, moved.to_json()).unwrap();
     let cases = [
-        (changed(&[("tracker.tremor_damping", 0.1)]), StageName::Settings, StageName::Poses),
+        (changed(&[("tracker.tremor_ripple_db", 3.0)]), StageName::Settings, StageName::Poses),
         (changed(&[("scene.membrane.lift_mm", 0.2)]), StageName::Scene, StageName::States),
         (WhatIfArgs { rig: Some(rig), ..WhatIfArgs::default() }, StageName::Rig, StageName::Poses),
     ];
     for (number, (args, first, then)) in cases.into_iter().enumerate() {
         let setting = setting(&golden(), &args).unwrap();
         let outcome = run(&golden(), &setting, &file(&format!("{number}.mcap")));
-        let named = ["tracker.tremor_damping=0.1", "scene.membrane.lift_mm=0.2", "rig.json"][number];
+        let named = ["tracker.tremor_ripple_db=3", "scene.membrane.lift_mm=0.2", "rig.json"][number];
         assert!(outcome.provenance().config[CHANGED].contains(named), "{:?}", outcome.provenance().config);
         assert_eq!(outcome.provenance().config[OF], golden().path().display().to_string());
         assert_verified(&outcome);
@@ -108,9 +108,9 @@ fn another_constant_a_higher_membrane_and_a_moved_camera_make_recordings_that_ve
 fn constants_travel_in_the_provenance_to_the_bit() {
     let third = 1.0 / 3.0;
     let setting =
-        setting(&golden(), &changed(&[("tracker.tremor_damping", third), ("tracker.gate", 25.0)])).unwrap();
+        setting(&golden(), &changed(&[("tracker.tremor_ripple_db", third), ("tracker.gate", 25.0)])).unwrap();
     assert_eq!(tuning_of(&setting.provenance).unwrap(), setting.tuning);
-    assert_eq!(setting.tuning.tremor_damping, third);
+    assert_eq!(setting.tuning.tremor_ripple_db, third);
     assert!(!setting.provenance.config.contains_key("tracker.gate"), "the usual value is not written");
     let odd = |value: &str| {
         let config = [("tracker.gate".to_owned(), value.to_owned())].into();

@@ -64,7 +64,7 @@ fn at_every_rate_tips_are_near_the_bound_and_shown_no_worse_than_at_50_hz() {
     let shipped = Rig::load_or_shipped(None).unwrap();
     let mut shown_um = Vec::new();
     // Limits of the ratio: a tenth above that of four seeds of ten seconds.
-    for (hz, limit) in [(50.0, 1.35), (100.0, 1.48), (200.0, 1.65), (500.0, 1.92)] {
+    for (hz, limit) in [(50.0, 1.30), (100.0, 1.36), (200.0, 1.43), (500.0, 1.60)] {
         let stream = recipe(Scenario::Nominal, 1).draw(&rig_at(&shipped, hz));
         let tracked = Tracked::of(&stream);
         let score = Score::of(&tracked, &stream, 0.5, 3.9);
