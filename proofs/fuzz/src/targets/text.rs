@@ -178,7 +178,7 @@ fn file_kind(bytes: &[u8]) {
 }
 
 /// Command lines that show every option with a value of a form of its own.
-const ARGUMENTS: [&str; 20] = [
+const ARGUMENTS: [&str; 21] = [
     "vitreo run --duration 2.5 --percentile 99.9 --scene peel --picture side-by-side --budgets b.toml",
     "vitreo run --delay tracking=5 --delay camera=3.5 --faults mild,dropped --collision cpu",
     "vitreo play --input mouse --module navigation --level 2 --trainee anna",
