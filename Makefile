@@ -188,6 +188,7 @@ study: setup ## Let five scripted surgeons and recorded hands do the training mo
 golden: setup ## Renew the recording that every build must replay to the bit; say in the commit why
 	cargo build --release
 	$(RELEASE) run --no-picture --instance golden --duration 2 --force --record tests/data/golden/peel-2s.mcap
+	cargo test --release -p replay --lib leave_out -- --ignored
 
 tracker-version: setup ## Raise the version of the tracker's arithmetic where it has changed, then renew the golden recording
 	cargo test --release -p tracker --test version renew -- --ignored --nocapture

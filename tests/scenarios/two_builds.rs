@@ -77,10 +77,10 @@ fn this_build_makes_the_same_as_itself_by_either_of_its_programs() {
 #[test]
 fn a_build_that_makes_something_else_is_told_with_the_first_difference_and_its_cause() {
     let desk = Desk::new();
-    let other = desk.stub(HELP, "exec VITREO \"$@\" --set tracker.tremor_ripple_db=3");
+    let other = desk.stub(HELP, "exec VITREO \"$@\" --set tracker.tremor_ripple_db=2.5");
     let done = desk.with(&other).expect_code(5);
     for words in
-        ["differ, first in settings", "also in poses", "tracker.tremor_ripple_db changed: \"3\" → absent"]
+        ["differ, first in settings", "also in poses", "tracker.tremor_ripple_db changed: \"2.5\" → absent"]
     {
         assert!(done.stdout.contains(words), "{words}: {done:?}");
     }

@@ -30,7 +30,7 @@ pub const VOLUNTARY_TAU_S: f64 = 0.4;
 /// Bounds of its adaptive variance, mm²/s⁴: an instrument at rest, one that is withdrawn.
 pub const VOLUNTARY_RANGE_MM2_S4: (f64, f64) = (25.0, 1e5);
 /// Time constant of its adaptation, s.
-pub const VOLUNTARY_LEARNING_S: f64 = 0.7;
+pub const VOLUNTARY_LEARNING_S: f64 = 0.4;
 /// NIS (normalised innovation squared, 6 degrees of freedom) that indicates a manoeuvre.
 pub const NIS_LIMIT: f64 = 30.0;
 /// Least number of near misses, and more than matches, that indicates a manoeuvre.
@@ -136,8 +136,9 @@ pub const ACQUIRE_AFTER_QUARTERS: u64 = 6;
 /// Gap (or step back) between camera-fields after which all tracks end, ns.
 pub const MAX_GAP_NS: u64 = 500_000_000;
 
-/// Gate: squared Mahalanobis distance of a blob from a predicted marker.
-pub const GATE: f64 = 25.0;
+/// Gate: squared Mahalanobis distance of a blob from a predicted marker. Hands do what no spectrum says: a narrower
+/// one takes the onset of a movement for a manoeuvre, a wider one lets clutter in.
+pub const GATE: f64 = 50.0;
 /// Largest distance of a blob from a predicted marker, px.
 pub const GATE_PX: f64 = 40.0;
 /// Squared normalised residual above which a blob is an outlier of a fit.

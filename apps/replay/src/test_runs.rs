@@ -7,7 +7,8 @@ use rig::Rig;
 use simcore::world::World;
 use std::path::Path;
 
-/// The recording that every build repeats to the bit.
+/// The recording that every build repeats to the bit. It has no checkpoints of its tracker, so that tests can put
+/// them where they want them.
 pub fn golden() -> Recording {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/golden/peel-2s.mcap");
     Recording::open(&path).unwrap()

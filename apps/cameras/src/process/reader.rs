@@ -175,7 +175,10 @@ impl Source {
     /// Waits until a pipe has something or was closed. One that nobody has opened yet has neither.
     fn wait(&self) -> io::Result<()> {
         let timeout = Timespec { tv_sec: 0, tv_nsec: LOOK_MS * 1_000_000 };
-        while !self.is_file {
+        if self.is_file {
+            return Ok(());
+        }
+        loop {
             if self.stop.load(Ordering::Relaxed) {
                 return Err(io::Error::other("the process ends"));
             }
@@ -185,7 +188,6 @@ impl Source {
                 Err(problem) => return Err(problem.into()),
             }
         }
-        Ok(())
     }
 }
 

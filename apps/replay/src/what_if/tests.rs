@@ -108,7 +108,7 @@ fn another_constant_a_higher_membrane_and_a_moved_camera_make_recordings_that_ve
 fn constants_travel_in_the_provenance_to_the_bit() {
     let third = 1.0 / 3.0;
     let setting =
-        setting(&golden(), &changed(&[("tracker.tremor_ripple_db", third), ("tracker.gate", 25.0)])).unwrap();
+        setting(&golden(), &changed(&[("tracker.tremor_ripple_db", third), ("tracker.gate", 50.0)])).unwrap();
     assert_eq!(tuning_of(&setting.provenance).unwrap(), setting.tuning);
     assert_eq!(setting.tuning.tremor_ripple_db, third);
     assert!(!setting.provenance.config.contains_key("tracker.gate"), "the usual value is not written");
