@@ -1,3 +1,5 @@
+//! Tests of live streams: lines, clocks, order, silence.
+
 use super::*;
 use proptest::prelude::*;
 use protocol::message::Message;

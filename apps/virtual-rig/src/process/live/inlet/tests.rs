@@ -1,3 +1,5 @@
+//! Tests of pipes, ports and standard input.
+
 use super::*;
 use std::process::Command;
 
