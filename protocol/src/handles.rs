@@ -5,6 +5,8 @@ use crate::message::{Invalid, Message, require};
 use crate::time::Nanos;
 use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
+use std::fmt::{self, Display, Formatter};
+use std::str::FromStr;
 
 /// Tool of an instrument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -26,7 +28,15 @@ impl Tool {
             .into_iter()
             .find(|&t| t as u32 == code)
     }
+
+    /// Opening of its jaws where nobody closes them, rad; 0 without jaws.
+    pub fn open_rad(self) -> f64 {
+        if self == Tool::Forceps { OPEN_JAWS_RAD } else { 0.0 }
+    }
 }
+
+/// Opening of forceps that nobody closes, rad.
+pub const OPEN_JAWS_RAD: f64 = 0.9;
 
 /// Length of the forceps' jaws from pivot to tip, mm (23 to 25 gauge forceps: 1 to 2 mm). Collision
 /// and picture use the same.
@@ -146,9 +156,61 @@ impl Message for PedalState {
     }
 }
 
+/// Some of the channels `handles` and `pedal`; as text `handles,pedal`.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct ControlChannels {
+    /// Channel `handles` is one of them.
+    pub handles: bool,
+    /// Channel `pedal` is one of them.
+    pub pedal: bool,
+}
+
+impl FromStr for ControlChannels {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let mut channels = ControlChannels::default();
+        for name in text.split(',') {
+            let channel = match name {
+                HandleState::CHANNEL => &mut channels.handles,
+                PedalState::CHANNEL => &mut channels.pedal,
+                _ => return Err(format!("expected handles, pedal or both with a comma, found {text:?}")),
+            };
+            if std::mem::replace(channel, true) {
+                return Err(format!("{name} is named twice in {text:?}"));
+            }
+        }
+        Ok(channels)
+    }
+}
+
+impl Display for ControlChannels {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let named = [(self.handles, HandleState::CHANNEL), (self.pedal, PedalState::CHANNEL)];
+        let names: Vec<&str> =
+            named.into_iter().filter(|(is_one, _)| *is_one).map(|(_, name)| name).collect();
+        f.write_str(&names.join(","))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn channels_of_controls_are_read_as_they_are_written() {
+        for (text, handles, pedal) in
+            [("handles", true, false), ("pedal", false, true), ("handles,pedal", true, true)]
+        {
+            let channels: ControlChannels = text.parse().unwrap();
+            assert_eq!(channels, ControlChannels { handles, pedal });
+            assert_eq!(channels.to_string(), text);
+        }
+        for text in ["", "poses", "handles,", "pedal,pedal"] {
+            let told = text.parse::<ControlChannels>().unwrap_err();
+            assert!(told.contains("expected handles, pedal") || told.contains("twice"), "{told}");
+        }
+    }
 
     #[test]
     fn every_mode_of_the_pedal_is_taken_and_no_other() {

@@ -57,7 +57,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("renderer", &["protocol", "ipc", "outputs", "rig", "settings", "scene", "font"]),
     ("results", &["protocol", "outputs", "plots", "recording", "scene", "training"]),
     ("desk", &["protocol", "ipc", "rig", "settings", "scene"]),
-    ("cameras", &["protocol", "ipc", "rig", "settings", "fpga-model"]),
+    ("cameras", &["protocol", "ipc", "rig", "scene", "settings", "fpga-model"]),
     (
         "launcher",
         &[

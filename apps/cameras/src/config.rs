@@ -1,8 +1,9 @@
 //! Arguments of `vitreo-cameras`.
 
 use ipc::shell::ShellArgs;
+use protocol::handles::ControlChannels;
 use settings::commands::cameras::Streams;
-use settings::commands::processes::RigArgs;
+use settings::commands::processes::{RigArgs, SceneArgs};
 
 /// Pictures from pipes and files as the live cameras of a rig.
 #[derive(Debug, Clone, clap::Parser)]
@@ -14,10 +15,16 @@ pub struct Config {
     /// The rig.
     #[command(flatten)]
     pub rig: RigArgs,
+    /// The scene, whose tools are in the hands where no handles are connected.
+    #[command(flatten)]
+    pub scene: SceneArgs,
     /// The source of each camera of the rig, in its order: y4m:PATH, a pipe or a file, with ?parity=1
     /// where its first field has the odd lines.
     #[arg(long, value_name = "y4m:PATH,...")]
     pub cameras: Streams,
+    /// Leave these channels to another program of the run.
+    #[arg(long, value_name = "handles,pedal", hide = true)]
+    pub leave: Option<ControlChannels>,
     /// Finish S seconds after all sources have brought their first picture.
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub duration: Option<f64>,
@@ -46,6 +53,7 @@ mod tests {
             &["--cameras", "driver"],
             &["--cameras", "virtual"],
             &["--cameras", "y4m:a", "--duration", "0"],
+            &["--cameras", "y4m:a", "--leave", "fields"],
             &["--cameras", "y4m:a", "--duration", "inf"],
         ] {
             assert!(parse(args).is_err(), "{args:?}");

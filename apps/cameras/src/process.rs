@@ -5,6 +5,7 @@ mod feed;
 mod figures;
 mod reader;
 
+use crate::config::Config;
 use crate::timing::Clock;
 use anyhow::{Context, Result, bail, ensure};
 use controls::Controls;
@@ -33,7 +34,7 @@ const DRAIN_NS: u64 = 5_000_000;
 /// # Errors
 /// Where the rig cannot be read or has another number of cameras, a file is defective from the
 /// beginning, or a channel fails.
-pub fn run(config: &crate::config::Config) -> Result<()> {
+pub fn run(config: &Config) -> Result<()> {
     let rig = Rig::load_or_shipped(config.rig.rig.as_deref()).context("--rig")?;
     let (cameras, sources) = (rig.cameras(), &config.cameras.0);
     ensure!(
@@ -46,7 +47,7 @@ pub fn run(config: &crate::config::Config) -> Result<()> {
     let (bell, stop) = (Bell::new().context("a bell")?, Arc::<AtomicBool>::default());
     let feed = |(camera, source)| Feed::start(&rig, camera, source, bell.rope(), &stop, now());
     let feeds = cameras.iter().zip(sources).map(feed).collect::<Result<_>>()?;
-    let mut live = LiveCameras::open(&rig, (instance, shell), feeds, bell)?;
+    let mut live = LiveCameras::open(config, &rig, (instance, shell), feeds, bell)?;
     live.duration_ns = config.duration.map(|s| (s * 1e9) as u64);
     let ended = ipc::shell::run(&mut live);
     // The readers end by themselves; none is waited for.
@@ -79,7 +80,13 @@ struct LiveCameras {
 
 impl LiveCameras {
     /// Opens the channels. A predecessor in this instance has left the start of its numbers.
-    fn open(rig: &Rig, joined: (Instance, Shell), feeds: Vec<Feed>, bell: Bell) -> Result<Self> {
+    fn open(
+        config: &Config,
+        rig: &Rig,
+        joined: (Instance, Shell),
+        feeds: Vec<Feed>,
+        bell: Bell,
+    ) -> Result<Self> {
         let (instance, shell) = joined;
         let figures = Figures::in_directory(instance.directory());
         let begun = figures.predecessor().map(|left| left.start_ns);
@@ -87,7 +94,7 @@ impl LiveCameras {
         Ok(LiveCameras {
             shell,
             fields: instance.block_sender(bytes)?,
-            controls: Controls::open(&instance)?,
+            controls: Controls::open(&instance, config)?,
             feeds,
             bell,
             timing: Clock {

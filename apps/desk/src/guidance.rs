@@ -38,8 +38,6 @@ pub const MAX_SPEED_MM_S: f64 = 12.0;
 const FOLLOW_PER_S: f64 = 12.0;
 /// Speed of the jaws, rad/s.
 const JAW_RAD_S: f64 = 2.5;
-/// Opening of jaws at rest, rad.
-const OPEN_RAD: f64 = 0.9;
 /// Largest step of [`Guidance::advance`], s.
 const MAX_STEP_S: f64 = 0.2;
 /// The answer to a key that does nothing is shown for so long, s.
@@ -53,11 +51,6 @@ fn tool_name(tool: Tool) -> &'static str {
         Tool::Vitrector => "vitrector",
         Tool::Needle => "needle",
     }
-}
-
-/// Opening of a tool at rest, rad: only forceps have jaws.
-fn open_rad(tool: Tool) -> f64 {
-    if tool == Tool::Forceps { OPEN_RAD } else { 0.0 }
 }
 
 /// An instrument that follows its target.
@@ -116,7 +109,7 @@ impl GuidedInstrument {
     }
 
     fn move_jaws(&mut self, closes: bool, dt_s: f64) {
-        let aim = if closes { 0.0 } else { open_rad(self.tool) };
+        let aim = if closes { 0.0 } else { self.tool.open_rad() };
         let most = JAW_RAD_S * dt_s;
         self.jaw_rad += (aim - self.jaw_rad).clamp(-most, most);
     }
@@ -153,7 +146,7 @@ impl Guidance {
                 tip_mm,
                 velocity_mm_s: Vector3::zeros(),
                 roll_rad: first.roll_rad,
-                jaw_rad: open_rad(tool),
+                jaw_rad: tool.open_rad(),
                 tool,
                 angular_velocity_rad_s: Vector3::zeros(),
                 target_mm: tip_mm,
@@ -246,7 +239,7 @@ impl Guidance {
             Some(Action::NextTool) => {
                 let at = TOOLS.iter().position(|t| *t == instrument.tool).unwrap_or(0);
                 (instrument.tool, instrument.kept) = (TOOLS[(at + 1) % TOOLS.len()], false);
-                instrument.jaw_rad = open_rad(instrument.tool);
+                instrument.jaw_rad = instrument.tool.open_rad();
             }
             _ => {}
         }

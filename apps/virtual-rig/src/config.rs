@@ -1,6 +1,7 @@
 //! Arguments of `vitreo-virtual-rig`.
 
 use ipc::shell::ShellArgs;
+use protocol::handles::ControlChannels;
 use settings::commands::processes::{RigArgs, SceneArgs, VirtualRigArgs};
 
 /// Longest delay of a late camera, ms.
@@ -22,6 +23,9 @@ pub struct Config {
     /// What the cameras see.
     #[command(flatten)]
     pub cameras: VirtualRigArgs,
+    /// Leave these channels to another program of the run.
+    #[arg(long, value_name = "handles,pedal", hide = true)]
+    pub leave: Option<ControlChannels>,
     /// Whether a fault log that exists is written over.
     #[command(flatten)]
     pub force: outputs::Force,
@@ -88,6 +92,7 @@ mod tests {
         for args in [
             &["--duration", "nan"][..],
             &["--duration", "-1"],
+            &["--leave", "poses"],
             &["--late-camera", "2"],
             &["--late-camera", "1=1e9"],
             &["--motion-full"],

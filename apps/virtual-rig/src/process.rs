@@ -16,11 +16,11 @@ mod timeline;
 use crate::config::Config;
 use crate::playback::BlobPlayback;
 use anyhow::{Context, Result, ensure};
-use controls::Controls;
+use controls::ControlSample;
 use ipc::clock::now;
 use ipc::shell::{Served, Shell, Work};
 use ipc::trace::About;
-use ipc::{Instance, Sender};
+use ipc::{ControlSender, Instance, Sender};
 use kept::{Keeper, Standing};
 use perception::PerceptionInput;
 use playback::Playback;
@@ -80,7 +80,7 @@ trait Source {
 struct VirtualRigShell {
     shell: Shell,
     blobs: Sender<BlobField>,
-    controls: Controls,
+    controls: ControlSender,
     surgeon: ScriptedSurgeon,
     perception: Option<PerceptionInput>,
     config: Config,
@@ -108,7 +108,7 @@ impl VirtualRigShell {
         let mut shell = VirtualRigShell {
             shell,
             blobs: instance.sender()?,
-            controls: Controls::open(&instance)?,
+            controls: ControlSender::open(&instance, config.leave.unwrap_or_default())?,
             perception: reacts.then(|| PerceptionInput::open(&instance, goals)).transpose()?,
             note: surgeon.note,
             surgeon,
@@ -137,6 +137,12 @@ impl VirtualRigShell {
         let mut process = VirtualRig { rig: self, source, until_ns: None };
         ipc::shell::run(&mut process)?;
         Ok(process.source)
+    }
+
+    /// Sends handles and pedal.
+    fn send_controls(&mut self, sample: &ControlSample) -> Result<()> {
+        self.controls.send_handles(sample.field, sample.tool, sample.jaw_rad)?;
+        Ok(self.controls.send_pedal(&sample.pedal)?)
     }
 
     /// Goes on where the predecessor stood. The time without a rig is one in which nothing went on.

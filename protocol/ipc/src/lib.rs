@@ -20,6 +20,7 @@ mod block;
 mod channel;
 pub mod checkpoints;
 pub mod clock;
+mod controls;
 mod instance;
 pub mod logging;
 mod open_limit;
@@ -34,6 +35,7 @@ mod wake;
 
 pub use block::{BlockReceiver, BlockSample, BlockSender};
 pub use channel::{Counts, Received, Receiver, Sender};
+pub use controls::ControlSender;
 pub use instance::{Instance, instance_directory, shared_memory_prefix};
 pub use wake::{Bell, BellRope, Listener, MAX_SOURCES, Wakes, wait, wait_beside};
 

@@ -3,6 +3,7 @@
 use super::*;
 use crate::workspace::{BELOW_TROCAR_MM, WALL_MM};
 use proptest::prelude::*;
+use protocol::handles::OPEN_JAWS_RAD;
 use protocol::message::Message;
 
 const FIELD_S: f64 = 0.02;
@@ -51,7 +52,7 @@ proptest! {
                     prop_assert!((tip - before[i]).norm() <= MAX_SPEED_MM_S * FIELD_S + 1e-9);
                     prop_assert!(hand.velocity_mm_s.norm() <= MAX_SPEED_MM_S + 1e-9);
                     prop_assert!(hand.angular_velocity_rad_s.iter().all(|c| c.is_finite()));
-                    prop_assert!((0.0..=OPEN_RAD).contains(&hand.jaw_rad) && hand.roll_rad.abs() < 3.2);
+                    prop_assert!((0.0..=OPEN_JAWS_RAD).contains(&hand.jaw_rad) && hand.roll_rad.abs() < 3.2);
                     let trocar = hand.pose().inverse_transform_point(&rig.trocars[i].p_eye.into());
                     prop_assert!(trocar.x.abs() < 1e-9 && trocar.y.abs() < 1e-9 && trocar.z > 0.0);
                 }
@@ -125,9 +126,9 @@ fn jaws_close_while_used_or_kept() {
         (0..fields).for_each(|_| guidance.advance(FIELD_S));
         guidance.instruments[0].jaw_rad
     };
-    assert_eq!(after(&mut guidance, 5), OPEN_RAD);
+    assert_eq!(after(&mut guidance, 5), OPEN_JAWS_RAD);
     guidance.apply(Input::Press(key("mouse-left")));
-    assert!((after(&mut guidance, 5) - (OPEN_RAD - 0.1 * JAW_RAD_S)).abs() < 1e-9, "not at once");
+    assert!((after(&mut guidance, 5) - (OPEN_JAWS_RAD - 0.1 * JAW_RAD_S)).abs() < 1e-9, "not at once");
     assert_eq!(after(&mut guidance, 50), 0.0);
     guidance.apply(Input::Press(key("c")));
     guidance.apply(Input::Release(key("mouse-left")));
@@ -136,7 +137,7 @@ fn jaws_close_while_used_or_kept() {
         (0.0, "Hand 1: forceps, Space: close, kept")
     );
     guidance.apply(Input::Press(key("c")));
-    assert_eq!(after(&mut guidance, 50), OPEN_RAD);
+    assert_eq!(after(&mut guidance, 50), OPEN_JAWS_RAD);
 }
 
 #[test]

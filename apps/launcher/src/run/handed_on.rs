@@ -21,12 +21,13 @@ impl RunArgs {
         restarts: u32,
     ) -> Vec<String> {
         let mut args = Arguments::default();
-        // The scene's script is nothing to real cameras.
         let real = process == Process::VirtualRig && self.real.given().is_some();
+        // Another's program for cameras knows no scenes.
+        let others = real && self.real.program().is_some();
         if process != Process::Simcore {
             self.rig.hand_on(&mut args);
         }
-        if !real && !matches!(process, Process::FpgaModel | Process::Tracker) {
+        if !others && !matches!(process, Process::FpgaModel | Process::Tracker) {
             self.scene.hand_on(&mut args);
         }
         args.value("--inject-delay-ms", self.delayed_stage(process).and_then(|stage| self.delay_ms(stage)));

@@ -203,7 +203,7 @@ impl Ears {
         if field.exposed_ns >= self.controls_ns + rig.rig.field_period_ns() / 2 {
             self.controls_ns = field.exposed_ns;
             let at_rest = ControlSample::at_rest(&mut rig.surgeon.motion, field.field);
-            rig.controls.send(&at_rest)?;
+            rig.send_controls(&at_rest)?;
         }
         field.read_out_ns = field.exposed_ns.saturating_add(rig.rig.read_out_ns()).min(at);
         rig.shell.inject_delay();

@@ -29,7 +29,7 @@ impl Playback {
         let period_ns = rig.rig.field_period_ns();
         if due_ns >= self.beats * period_ns {
             let sample = ControlSample::at(&mut rig.surgeon.motion, due_ns, self.beats, due_ns);
-            rig.controls.send(&sample)?;
+            rig.send_controls(&sample)?;
             self.beats = due_ns / period_ns + 1;
         }
         let mut field = BlobField::zeroed();

@@ -174,7 +174,7 @@ impl VirtualRigShell {
     fn send_due(&mut self, simulation: &mut Simulation) -> Result<()> {
         let elapsed_ns = self.timeline.elapsed(now());
         if let Some(controls) = simulation.controls.take_if(|c| c.due_ns <= elapsed_ns) {
-            self.controls.send(&controls)?;
+            self.send_controls(&controls)?;
         }
         while let Some(mut field) = simulation.output.blobs.take(elapsed_ns) {
             field.exposed_ns += self.timeline.start();

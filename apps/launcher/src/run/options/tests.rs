@@ -118,8 +118,9 @@ fn real_cameras_take_the_place_of_script_and_rig() {
     for refused in [&["--cameras", "driver"][..], &["--unscripted", "--blobs", "b", "--rig", "r"]] {
         assert!(parse(refused).is_err(), "{refused:?} was taken");
     }
-    let streams = parse(&["--cameras", "y4m:a,y4m:b?parity=1", "--rig", "r.json", "--seed", "3"]).unwrap();
-    assert_eq!(given(&streams), "--rig r.json --cameras y4m:a,y4m:b?parity=1 --duration 9");
+    let streams = ["--cameras", "y4m:a,y4m:b?parity=1", "--rig", "r.json", "--scene", "trim", "--seed", "3"];
+    let streams = parse(&streams).unwrap();
+    assert_eq!(given(&streams), "--rig r.json --scene trim --cameras y4m:a,y4m:b?parity=1 --duration 9");
     assert!(!streams.is_scripted() && streams.trackers().contains(&Process::FpgaModel));
     let invented = parse(&["--cameras", "virtual", "--rig", "r.json"]).unwrap();
     assert!(invented.is_scripted() && given(&invented).contains("--seed 1 --duration 9"));
