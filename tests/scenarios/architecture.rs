@@ -122,14 +122,12 @@ const OWNERS: &[(&str, &[&str])] = &[
 const PROOF_FOLDERS: [&str; 2] = ["proofs/", "tests/"];
 /// Where files are made besides: in the private directory of an instance, in memory, and a recording
 /// on a file that is there.
-const WRITERS: [&str; 7] = [
+const WRITERS: [&str; 5] = [
     "libs/outputs/src/",
     "protocol/ipc/src/",
     "apps/launcher/src/children",
     "libs/recording/src/write.rs",
-    "apps/launcher/src/run/resume.rs",
     "apps/virtual-rig/src/process/kept.rs",
-    "apps/cameras/src/process/figures.rs",
 ];
 /// Longest source file, lines.
 const FILE_CAP: usize = 500;

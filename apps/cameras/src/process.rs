@@ -6,7 +6,7 @@ mod figures;
 mod reader;
 
 use crate::config::Config;
-use crate::timing::Clock;
+use crate::timing::{Clock, patience_ns};
 use anyhow::{Context, Result, bail, ensure};
 use controls::Controls;
 use feed::Feed;
@@ -14,6 +14,7 @@ use figures::Figures;
 use ipc::clock::now;
 use ipc::shell::{Served, Shell, Work};
 use ipc::{Bell, BlockSender, Instance};
+use protocol::budget::{Budgets, Stage};
 use protocol::control::Command;
 use protocol::deliveries::Deliveries;
 use protocol::fields::{FieldHeader, FieldPicture};
@@ -56,6 +57,13 @@ pub fn run(config: &Config) -> Result<()> {
     ended
 }
 
+/// Longest time from mid-exposure until the blobs are out, ns.
+fn camera_budget_ns() -> u64 {
+    let budgets = Budgets::default().budget;
+    let limit_ms = budgets.iter().find(|b| b.stage == Stage::Camera).map_or(0.0, |b| b.limit_ms);
+    (limit_ms * 1e6) as u64
+}
+
 /// Channels and cameras.
 struct LiveCameras {
     shell: Shell,
@@ -89,6 +97,7 @@ impl LiveCameras {
     ) -> Result<Self> {
         let (instance, shell) = joined;
         let figures = Figures::in_directory(instance.directory());
+        let period_ns = rig.field_period_ns();
         let begun = figures.predecessor().map(|left| left.start_ns);
         let bytes = FieldPicture::bytes(rig.frame[0] as usize, rig.frame[1] as usize / 2);
         Ok(LiveCameras {
@@ -99,9 +108,10 @@ impl LiveCameras {
             bell,
             timing: Clock {
                 start_ns: begun.unwrap_or(0),
-                period_ns: rig.field_period_ns(),
+                period_ns,
                 exposed_before_ns: rig.read_out_ns(),
                 lines_ns: rig.line_ns * u64::from(rig.frame[1] / 2),
+                patience_ns: patience_ns(period_ns, rig.read_out_ns(), camera_budget_ns()),
             },
             has_begun: begun.is_some(),
             duration_ns: None,

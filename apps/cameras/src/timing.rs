@@ -25,6 +25,17 @@ pub struct Clock {
     pub exposed_before_ns: u64,
     /// From the first line until the last has left the sensor, ns.
     pub lines_ns: u64,
+    /// So long after it was read out a field waits at most for one of another camera.
+    pub patience_ns: u64,
+}
+
+/// Time that the camera hardware needs after a field is published, with what the machine may add, ns.
+const HARDWARE_NS: u64 = 1_500_000;
+
+/// How long a field waits for those of other cameras: half a period, and no longer than leaves its blobs
+/// within `budget_ns` of mid-exposure, which was `exposed_before_ns` before the field was read out.
+pub fn patience_ns(period_ns: u64, exposed_before_ns: u64, budget_ns: u64) -> u64 {
+    (period_ns / 2).min(budget_ns.saturating_sub(exposed_before_ns + HARDWARE_NS))
 }
 
 impl Clock {
@@ -88,13 +99,13 @@ impl Numbering {
     }
 
     /// When the next field is published: as its first line leaves the sensor where all cameras have
-    /// theirs, else half a period after it was read out at the latest, so that one that comes a little
-    /// late is still of the same frame. That of a source that was opened is published when it comes.
+    /// theirs, else [`Clock::patience_ns`] after it was read out at the latest, so that one that comes a
+    /// little late is still of the same frame. That of a source that was opened is published when it comes.
     pub fn due(&self, clock: &Clock, all_there: bool) -> Nanos {
         match (self.anew, all_there) {
             (true, _) => 0,
             (_, true) => clock.first_line(self.next),
-            _ => clock.read_out(self.next).saturating_add(clock.period_ns / 2),
+            _ => clock.read_out(self.next).saturating_add(clock.patience_ns),
         }
     }
 

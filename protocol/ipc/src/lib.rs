@@ -32,12 +32,14 @@ pub mod shell;
 pub mod signals;
 pub mod trace;
 mod wake;
+mod whole;
 
 pub use block::{BlockReceiver, BlockSample, BlockSender};
 pub use channel::{Counts, Received, Receiver, Sender};
 pub use controls::ControlSender;
 pub use instance::{Instance, instance_directory, shared_memory_prefix};
 pub use wake::{Bell, BellRope, Listener, MAX_SOURCES, Wakes, wait, wait_beside};
+pub use whole::{write_whole, write_whole_json};
 
 /// How a receiver wants its blocks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -48,6 +48,12 @@ impl Finding {
     pub fn text(&self) -> String {
         format!("{}: {}; {}", self.what, self.cause, self.remedy)
     }
+
+    /// The camera (`camera 1`) from which nothing comes or in whose picture nothing is seen, where it says
+    /// that. Its driver may know why.
+    pub fn camera_without_picture(&self) -> Option<&str> {
+        self.subject.strip_prefix(FIELDS_OF).or_else(|| self.subject.strip_prefix(PICTURE_OF))
+    }
 }
 
 /// Counts of a body.
@@ -289,9 +295,13 @@ impl Tracking {
                 );
                 found.push(finding(id, what, MOVED, RECALIBRATE));
             } else if seen.fields == 0 {
-                found.push(finding(id, format!("no fields come from camera {id}"), SILENT, CHECK_CABLE));
+                let subject = format!("{FIELDS_OF}camera {id}");
+                let silent = finding(id, format!("no fields come from camera {id}"), SILENT, CHECK_CABLE);
+                found.push(Finding { subject, ..silent });
             } else if seen.blobs == 0 {
-                found.push(finding(id, format!("camera {id} sees no markers"), DARK, CHECK_LENS));
+                let subject = format!("{PICTURE_OF}camera {id}");
+                let dark = finding(id, format!("camera {id} sees no markers"), DARK, CHECK_LENS);
+                found.push(Finding { subject, ..dark });
             } else if own < UNUSED_SHARE && best > 2.0 * UNUSED_SHARE {
                 let what = format!("only {:.0} % of what camera {id} sees is of use", 100.0 * own);
                 found.push(finding(id, what, MOVED, RECALIBRATE));
@@ -339,6 +349,9 @@ const MOVED: &str = "it was moved or refocused, or the rig file is of other came
 const RECALIBRATE: &str =
     "record while both instruments are waved, then: vitreo calibrate waved RECORDING.mcap -o new-rig.json";
 const FASTEN: &str = "fasten it; it is placed anew from the others within seconds, then calibrate anew";
+/// With these begin the subjects of what a camera's driver may know better: nothing comes, nothing is seen.
+const FIELDS_OF: &str = "fields of ";
+const PICTURE_OF: &str = "picture of ";
 const SILENT: &str = "it is switched off or unplugged, or its driver has ended";
 const CHECK_CABLE: &str = "check power and cable; vitreo doctor lists the cameras";
 const DARK: &str = "its lens is covered, its picture too dark, or the colours are not those of the markers";

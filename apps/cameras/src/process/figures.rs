@@ -3,7 +3,6 @@
 
 use protocol::deliveries::{DELIVERIES_FILE, Deliveries};
 use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 
 /// The file.
@@ -26,11 +25,7 @@ impl Figures {
 
     /// Keeps them, whole or not at all.
     pub(super) fn keep(&mut self, deliveries: &Deliveries) {
-        let part = self.path.with_extension("part");
-        let kept = serde_json::to_vec(deliveries).map_err(io::Error::from);
-        let kept = kept.and_then(|text| fs::write(&part, text));
-        let kept = kept.and_then(|()| fs::rename(&part, &self.path));
-        if let (Err(problem), false) = (kept, self.told) {
+        if let (Err(problem), false) = (ipc::write_whole_json(&self.path, deliveries), self.told) {
             self.told = true;
             tracing::warn!("the figures of the cameras cannot be kept: {problem}");
         }

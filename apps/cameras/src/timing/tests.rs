@@ -5,8 +5,13 @@ use proptest::prelude::*;
 
 const MS: u64 = 1_000_000;
 const P: u64 = 20 * MS;
-const CLOCK: Clock =
-    Clock { start_ns: 7_000 * MS, period_ns: P, exposed_before_ns: 20_432_000, lines_ns: 18_432_000 };
+const CLOCK: Clock = Clock {
+    start_ns: 7_000 * MS,
+    period_ns: P,
+    exposed_before_ns: 20_432_000,
+    lines_ns: 18_432_000,
+    patience_ns: 3 * MS,
+};
 
 /// Numbers of fields that come at these instants after the start, ms, and are looked at when they come.
 fn placed(numbering: &mut Numbering, at_ms: impl IntoIterator<Item = u64>) -> Vec<Option<u64>> {
@@ -36,11 +41,14 @@ fn what_waited_in_the_pipe_has_no_delay_and_what_came_later_has_its_own() {
 }
 
 #[test]
-fn a_field_waits_half_a_period_for_those_of_the_others() {
+fn a_field_waits_for_those_of_the_others_as_long_as_the_budget_allows() {
+    assert_eq!(patience_ns(P, CLOCK.exposed_before_ns, 25 * MS), 25 * MS - 20_432_000 - HARDWARE_NS);
+    assert_eq!(patience_ns(5 * MS, 3 * MS, 25 * MS), 5 * MS / 2, "no longer than half a period");
+    assert_eq!(patience_ns(P, 24 * MS, 25 * MS), 0);
     let mut numbering = Numbering::default();
     placed(&mut numbering, [0]);
     assert_eq!(numbering.due(&CLOCK, true), CLOCK.first_line(1));
-    assert_eq!(numbering.due(&CLOCK, false), CLOCK.read_out(1) + P / 2);
+    assert_eq!(numbering.due(&CLOCK, false), CLOCK.read_out(1) + CLOCK.patience_ns);
 }
 
 #[test]

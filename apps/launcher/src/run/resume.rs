@@ -10,8 +10,8 @@ use ipc::Instance;
 use protocol::journal::{self, Entry};
 use recording::Item;
 use std::collections::VecDeque;
-use std::fs::{self, File};
-use std::io::{self, BufWriter};
+use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// Checkpoints kept: two from which a simulation may go on, and the one before them, since which
@@ -99,9 +99,7 @@ impl Resume {
     /// Writes a past as a journal, whole or not at all.
     fn write(&self, back: usize, file: &Path) -> io::Result<()> {
         let entries: Vec<Entry> = self.past(back).filter_map(|i| i.clone().into_entry()).collect();
-        let part = file.with_extension("part");
-        journal::write(&mut BufWriter::new(File::create(&part)?), entries.iter())?;
-        fs::rename(part, file)
+        ipc::write_whole(file, |to| journal::write(to, entries.iter()))
     }
 
     /// Forgets everything: the simulation starts from its scene.
@@ -158,6 +156,7 @@ mod tests {
     use protocol::handles::{HandleState, PedalState};
     use protocol::poses::TrackerFrame;
     use protocol::steps::{CheckpointHeader, StepRecord};
+    use std::fs::File;
 
     fn handle(seq: u64) -> Item {
         Item::Handle(HandleState { seq, tool: 1, ..HandleState::zeroed() })

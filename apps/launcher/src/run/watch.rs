@@ -25,6 +25,13 @@ pub fn findings(args: &RunArgs, tracking: &Tracking, monitor: &Monitor, since_ns
     found
 }
 
+/// Adds what cameras say of themselves, in place of what was found out about the same cameras.
+pub fn say_for_themselves(trouble: Finding, found: &mut Vec<Finding>) {
+    let is_told = |camera: &str| trouble.what.contains(&format!("{camera} "));
+    found.retain(|f| !f.camera_without_picture().is_some_and(is_told));
+    found.push(trouble);
+}
+
 fn missing_inputs(monitor: &Monitor) -> impl Iterator<Item = Finding> {
     let expected = [
         (1, "handles", "jaws, cutter and light stay as they were"),
@@ -60,6 +67,25 @@ mod tests {
     use protocol::frames::FrameRecord;
     use recording::Item;
     use rig::Rig;
+
+    #[test]
+    fn a_camera_that_says_what_is_wrong_is_told_of_once() {
+        let finding = |what: &str, subject: &str| {
+            let [what, subject] = [what, subject].map(String::from);
+            Finding { what, cause: String::new(), remedy: String::new(), subject }
+        };
+        let mut found = vec![
+            finding("no fields come from camera 1", "fields of camera 1"),
+            finding("no fields come from camera 11", "fields of camera 11"),
+            finding("camera 2 sees no markers", "picture of camera 2"),
+            finding("camera 1 is used where the others see it", "place of camera 1"),
+        ];
+        let trouble =
+            finding("camera 1 is closed by its writer; camera 2 shows nothing but black", "cameras");
+        say_for_themselves(trouble, &mut found);
+        let subjects: Vec<&str> = found.iter().map(|f| &*f.subject).collect();
+        assert_eq!(subjects, ["fields of camera 11", "place of camera 1", "cameras"]);
+    }
 
     #[test]
     fn pedal_handles_and_a_slow_picture_are_missed() {

@@ -58,9 +58,7 @@ impl Keeper {
 
     /// Keeps the rest, whole or not at all.
     pub(super) fn keep(&mut self, standing: &Standing) {
-        let kept = serde_json::to_vec(standing).map_err(io::Error::from);
-        let kept = kept.and_then(|text| put_whole(&self.standing, &text));
-        self.tell(kept);
+        self.tell(ipc::write_whole_json(&self.standing, standing));
     }
 
     fn tell(&mut self, kept: io::Result<()>) {
@@ -69,13 +67,6 @@ impl Keeper {
             tracing::warn!("the script cannot be kept, a restart would begin it anew: {problem}");
         }
     }
-}
-
-/// Writes a file of the instance's directory, whole or not at all.
-pub(super) fn put_whole(file: &Path, text: &[u8]) -> io::Result<()> {
-    let part = file.with_extension("part");
-    fs::write(&part, text)?;
-    fs::rename(&part, file)
 }
 
 #[cfg(test)]

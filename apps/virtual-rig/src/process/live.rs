@@ -7,7 +7,7 @@ mod inlet;
 
 use super::controls::ControlSample;
 use super::surgeon::ScriptedSurgeon;
-use super::{Source, VirtualRigShell, kept};
+use super::{Source, VirtualRigShell};
 use crate::config::Config;
 use anyhow::{Context, Result};
 use blob_stream::live::{Complaints, Heard, LiveFigures, LiveStream, Silence};
@@ -157,8 +157,7 @@ impl Live {
             ..self.stream.figures()
         };
         // The stream goes on without; the launcher then says less at the end.
-        let text = serde_json::to_vec(&figures).map_err(Into::into);
-        if let Err(problem) = text.and_then(|text| kept::put_whole(&self.figures, &text)) {
+        if let Err(problem) = ipc::write_whole_json(&self.figures, &figures) {
             tracing::debug!("the figures of the stream are not left: {problem}");
         }
         figures

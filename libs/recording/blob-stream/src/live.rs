@@ -13,7 +13,9 @@ mod silence;
 
 pub use clock::{Begun, ClockMap, Mapped};
 pub use complaints::Complaints;
-pub use figures::{Jitter, LiveFigures};
+pub use figures::LiveFigures;
+use figures::{at_ms, delays};
+use hdrhistogram::Histogram;
 pub use lines::{LineSplitter, MAX_LINE_BYTES, TooLong};
 pub use numbers::FieldNumbers;
 pub use silence::{SILENT_NS, Silence};
@@ -45,7 +47,8 @@ pub struct LiveStream {
     splitter: LineSplitter,
     clock: ClockMap,
     numbers: FieldNumbers,
-    jitter: Jitter,
+    /// Delays of arrival after the stamp, ns.
+    jitter: Histogram<u64>,
     /// What has come so far.
     figures: LiveFigures,
 }
@@ -61,7 +64,7 @@ impl LiveStream {
             splitter: LineSplitter::default(),
             clock: ClockMap::default(),
             numbers: FieldNumbers::default(),
-            jitter: Jitter::default(),
+            jitter: delays(),
             figures: LiveFigures { source: name.into(), ..LiveFigures::default() },
         }
     }
@@ -105,7 +108,7 @@ impl LiveStream {
 
     /// What has come so far.
     pub fn figures(&self) -> LiveFigures {
-        let (jitter_p50_ms, jitter_p99_ms) = (self.jitter.at_ms(0.5), self.jitter.at_ms(0.99));
+        let (jitter_p50_ms, jitter_p99_ms) = (at_ms(&self.jitter, 0.5), at_ms(&self.jitter, 0.99));
         LiveFigures { jitter_p50_ms, jitter_p99_ms, ..self.figures.clone() }
     }
 
@@ -161,7 +164,7 @@ impl LiveStream {
     ) -> Result<(), E> {
         let shift = match self.clock.map(field.blobs_out_ns, at) {
             Mapped::By { shift_ns, late_ns, begun } => {
-                self.jitter.note(late_ns);
+                self.jitter.saturating_record(late_ns);
                 if let Some(begun) = begun {
                     self.figures.time_bases += 1;
                     hear(Heard::Begun(begun.text()))?;

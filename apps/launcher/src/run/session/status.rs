@@ -2,7 +2,7 @@
 
 use super::Session;
 use crate::run::screen::Status;
-use crate::run::watch::findings;
+use crate::run::watch::{findings, say_for_themselves};
 use diagnosis::Finding;
 use ipc::clock::now;
 use protocol::control::Notice;
@@ -64,7 +64,9 @@ impl Session<'_> {
         consumers.monitor.measure(at);
         let (monitor, since_ns) = (&consumers.monitor, at - self.started_ns);
         let mut found = findings(&self.args, &consumers.tracking, monitor, since_ns);
-        found.extend(self.supervisor.trouble_of_streams());
+        if let Some(trouble) = self.supervisor.trouble_of_streams() {
+            say_for_themselves(trouble, &mut found);
+        }
         let at_s = self.elapsed_s(at);
         for finding in self.consumers.watch.note(at_s, &found) {
             self.warn_of(&finding, at);

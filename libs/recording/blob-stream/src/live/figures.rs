@@ -1,5 +1,6 @@
 //! Figures of a live stream.
 
+use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -87,57 +88,12 @@ impl LiveFigures {
     }
 }
 
-/// Sixteen classes an octave: a quantile is 6 % too high at most.
-const FINENESS: u32 = 16;
-
-/// Counts of delays, by their size.
-#[derive(Debug, Clone)]
-pub struct Jitter {
-    counts: Vec<u64>,
-    total: u64,
+/// Delays from 1 µs to 1000 s to three digits; what is beyond is counted as an end.
+pub(super) fn delays() -> Histogram<u64> {
+    Histogram::new_with_bounds(1_000, 1_000_000_000_000, 3).expect("the bounds are in order")
 }
 
-impl Default for Jitter {
-    fn default() -> Self {
-        Jitter { counts: vec![0; (64 * FINENESS) as usize], total: 0 }
-    }
-}
-
-impl Jitter {
-    /// Counts a delay, ns.
-    pub fn note(&mut self, late_ns: u64) {
-        self.counts[class(late_ns)] += 1;
-        self.total += 1;
-    }
-
-    /// The delay that a share of all does not exceed, ms; 0 without any.
-    pub fn at_ms(&self, share: f64) -> f64 {
-        let wanted = (self.total as f64 * share).ceil() as u64;
-        let mut seen = 0;
-        for (class, count) in self.counts.iter().enumerate() {
-            seen += count;
-            if seen >= wanted && seen > 0 {
-                return upper_ns(class as u32) * 1e-6;
-            }
-        }
-        0.0
-    }
-}
-
-fn class(ns: u64) -> usize {
-    if ns < u64::from(FINENESS) {
-        return ns as usize;
-    }
-    let octave = ns.ilog2();
-    let within = (ns >> (octave - FINENESS.ilog2())) as u32 - FINENESS;
-    ((octave - FINENESS.ilog2() + 1) * FINENESS + within) as usize
-}
-
-/// The largest delay of a class, ns.
-fn upper_ns(class: u32) -> f64 {
-    if class < FINENESS {
-        return f64::from(class);
-    }
-    let (octave, within) = (class / FINENESS - 1, class % FINENESS);
-    f64::from(FINENESS + within + 1) * (f64::from(octave)).exp2()
+/// The delay that a share of all does not exceed, ms; 0 without any.
+pub(super) fn at_ms(delays: &Histogram<u64>, share: f64) -> f64 {
+    delays.value_at_quantile(share) as f64 * 1e-6
 }
