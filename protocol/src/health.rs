@@ -7,7 +7,8 @@ use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
 /// The processes of a simulator. The desk takes the place of virtual rig, camera hardware and
-/// tracker; the camera hardware runs where there are pixels to scan.
+/// tracker; the camera hardware runs where there are pixels to scan. Drivers are programs of other makers, which
+/// the launcher does not start; each is named for the channel that it sends on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u32)]
 #[allow(missing_docs)]
@@ -18,10 +19,21 @@ pub enum Process {
     Renderer = 3,
     Desk = 4,
     VirtualRig = 5,
+    BlobsDriver = 16,
+    FieldsDriver = 17,
+    HandlesDriver = 18,
+    PedalDriver = 19,
+    PosesDriver = 20,
 }
 
 impl Process {
-    /// In the order of the data path.
+    /// Programs of other makers, by what they send.
+    pub const DRIVERS: [Process; 5] = {
+        use Process::*;
+        [BlobsDriver, FieldsDriver, HandlesDriver, PedalDriver, PosesDriver]
+    };
+
+    /// Ours, in the order of the data path.
     pub const ALL: [Process; 6] = {
         use Process::*;
         [VirtualRig, FpgaModel, Tracker, Simcore, Renderer, Desk]
@@ -29,7 +41,7 @@ impl Process {
 
     /// From the wire.
     pub fn from_wire(code: u32) -> Option<Self> {
-        Self::ALL.into_iter().find(|&p| p as u32 == code)
+        Self::ALL.into_iter().chain(Self::DRIVERS).find(|&p| p as u32 == code)
     }
 
     /// Short name, as in messages.
@@ -41,10 +53,27 @@ impl Process {
             Process::Renderer => "renderer",
             Process::Desk => "desk",
             Process::VirtualRig => "virtual-rig",
+            Process::BlobsDriver => "blobs-driver",
+            Process::FieldsDriver => "fields-driver",
+            Process::HandlesDriver => "handles-driver",
+            Process::PedalDriver => "pedal-driver",
+            Process::PosesDriver => "poses-driver",
         }
     }
 
-    /// Name of the binary.
+    /// The channel that a driver sends on; `None` for our own processes.
+    pub fn drives(self) -> Option<&'static str> {
+        Some(match self {
+            Process::BlobsDriver => "blobs",
+            Process::FieldsDriver => "fields",
+            Process::HandlesDriver => "handles",
+            Process::PedalDriver => "pedal",
+            Process::PosesDriver => "poses",
+            _ => return None,
+        })
+    }
+
+    /// Name of the binary; of a driver, which is another's, what it is called.
     pub fn binary(self) -> &'static str {
         match self {
             Process::FpgaModel => "vitreo-fpga-model",
@@ -53,6 +82,7 @@ impl Process {
             Process::Renderer => "vitreo-renderer",
             Process::Desk => "vitreo-desk",
             Process::VirtualRig => "vitreo-virtual-rig",
+            driver => driver.name(),
         }
     }
 }
@@ -108,7 +138,29 @@ impl Message for Health {
 
     fn validate(&self) -> Result<(), Invalid> {
         let process = f64::from(self.process);
-        require(Process::from_wire(self.process).is_some(), "Health", "process", "0 to 5", process)?;
+        require(
+            Process::from_wire(self.process).is_some(),
+            "Health",
+            "process",
+            "0 to 5, or of a driver 16 to 20",
+            process,
+        )?;
         require(self.state <= STATE_FINISHED, "Health", "state", "0 to 3", f64::from(self.state))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_process_leads_back_from_the_wire_and_drivers_say_what_they_send() {
+        for process in Process::ALL.into_iter().chain(Process::DRIVERS) {
+            assert_eq!(Process::from_wire(process as u32), Some(process));
+            let driver = process.drives().map(|channel| format!("{channel}-driver"));
+            assert_eq!(driver.is_some(), Process::DRIVERS.contains(&process));
+            assert!(driver.is_none_or(|name| name == process.name() && name == process.binary()));
+        }
+        assert_eq!((Process::from_wire(15), Process::from_wire(21)), (None, None));
     }
 }

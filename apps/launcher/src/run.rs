@@ -15,6 +15,7 @@ mod arguments;
 mod attempt_control;
 mod cameras;
 mod channel_tap;
+mod external;
 mod field_trace;
 mod handed_on;
 mod latency_stats;
@@ -49,6 +50,7 @@ use ipc::logging::{inform, warn, with_causes};
 use options::{View, open_store};
 use outputs::{Outputs, print};
 use protocol::budget::Stage;
+use protocol::health::Process;
 use protocol::steps::STATE_HASH_VERSION;
 use recording::{DESK, Provenance, REALTIME_OFFSET, STATE_HASH, TRACKER, TRACKER_VERSION};
 use report::{Report, Versions};
@@ -103,7 +105,7 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     if ran {
         print!("{}", report.text());
         attempts.iter().for_each(|a| print!("{}", attempt_text(a, attempts.len())));
-        likely_cause::print(&report, args.desk.is_none(), &stop).await;
+        likely_cause::print(&report, args.is_tracked(), &stop).await;
     }
     outcome?;
     if let Some(trainee) = &args.training.trainee {
@@ -124,7 +126,7 @@ fn attempt_text(attempt: &Attempt, attempts: usize) -> String {
 /// out; where it is the only one that is an error.
 fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Result<()> {
     let mut store = open_store(&args.training.store)?;
-    let person = args.desk.is_some() || args.real.given().is_some();
+    let person = args.desk.is_some() || args.real.given().is_some() || args.real.driver().is_some();
     let open_end = args.training.stay || person || attempts.len() > 1;
     for attempt in attempts {
         let Some(file) = &attempt.record else { continue };
@@ -159,8 +161,11 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
             DESK,
             args.desk
                 .as_ref()
-                .map(|d| file(&d.inputs).or_else(|| d.input.clone()).unwrap_or_else(|| AUTO.into())),
+                .map(|d| file(&d.inputs).or_else(|| d.input.clone()).unwrap_or_else(|| AUTO.into()))
+                // Poses of another's tracker are taken as they are, as a desk's are.
+                .or_else(|| (!args.is_tracked()).then(|| Process::PosesDriver.name().into())),
         ),
+        ("external", args.real.external.as_ref().map(ToString::to_string)),
         ("cameras", args.real.given().map(ToString::to_string)),
         ("motion", file(&cameras.motion)),
         ("motion-full", cameras.motion_full.then(|| "true".into())),
@@ -179,7 +184,7 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
         ("profile", Some(versions.profile.to_string())),
         (STATE_HASH, Some(STATE_HASH_VERSION.to_string())),
         // A desk's poses are no tracker's.
-        (TRACKER, args.desk.is_none().then(|| TRACKER_VERSION.to_string())),
+        (TRACKER, args.is_tracked().then(|| TRACKER_VERSION.to_string())),
     ];
     Ok(Provenance {
         rig_json: rig.to_json(),

@@ -8,6 +8,7 @@ mod cut;
 mod diff;
 mod drawing;
 mod export;
+pub mod external;
 mod film;
 mod fundus;
 mod import;

@@ -1,9 +1,9 @@
 //! Senders and receivers of a header with a payload of variable size, written in place.
 
 use super::IpcError;
-use super::channel::{Account, Counts, MAX_PUBLISHERS, MAX_SUBSCRIBERS, message_of};
+use super::channel::{Account, Counts, MAX_SUBSCRIBERS, message_of};
 use super::instance::Instance;
-use super::port::{Channel, Held, ReceivePort, SendPort, Stamp, UNIT};
+use super::port::{Channel, Held, Lent, ReceivePort, SendPort, Stamp, UNIT};
 use super::wake::{Listener, Wakes};
 use crate::clock::now;
 use protocol::message::Message;
@@ -14,9 +14,27 @@ const fn head<H>() -> usize {
     size_of::<H>().next_multiple_of(UNIT)
 }
 
+/// Publishers of a channel of blocks: one, and its successor.
+const BLOCK_PUBLISHERS: usize = 2;
+
 /// Few processes take part in a channel of blocks.
 fn channel<H: Message>() -> Channel {
-    Channel::of::<H>(MAX_SUBSCRIBERS / 2, MAX_PUBLISHERS / 4)
+    Channel::of::<H>(MAX_SUBSCRIBERS / 2, BLOCK_PUBLISHERS)
+}
+
+/// Shared memory that was lent for one block, to be written at leisure. Given back unsent when dropped.
+pub struct Loan<H: Message> {
+    lent: Box<dyn Lent>,
+    bytes: usize,
+    of: PhantomData<fn(H)>,
+}
+
+impl<H: Message> Loan<H> {
+    /// The payload, of the length that was asked for. It holds whatever an earlier block left there, and stays where
+    /// it is until the loan is sent or dropped.
+    pub fn payload(&mut self) -> &mut [u8] {
+        &mut self.lent.bytes()[head::<H>()..][..self.bytes]
+    }
 }
 
 /// Sends blocks with a header `H`.
@@ -45,6 +63,29 @@ impl<H: Message> BlockSender<H> {
                 header[..size_of::<H>()].copy_from_slice(bytemuck::bytes_of(&write(payload)));
             }
         })?;
+        self.stamp.seq += 1;
+        Ok(())
+    }
+
+    /// Lends `bytes` of shared memory, to be written before [`BlockSender::send_loan`].
+    ///
+    /// # Errors
+    /// Where the block is larger than the capacity, or the transport fails.
+    pub fn lend(&mut self, bytes: usize) -> Result<Loan<H>, IpcError> {
+        if bytes > self.capacity {
+            return Err(IpcError::TooLarge { channel: H::CHANNEL, bytes, capacity: self.capacity });
+        }
+        Ok(Loan { lent: self.port.lend(head::<H>() + bytes)?, bytes, of: PhantomData })
+    }
+
+    /// Sends a block that was lent, with its header.
+    ///
+    /// # Errors
+    /// Where the transport fails.
+    pub fn send_loan(&mut self, mut loan: Loan<H>, header: &H) -> Result<(), IpcError> {
+        self.stamp.sent_ns = now();
+        loan.lent.bytes()[..size_of::<H>()].copy_from_slice(bytemuck::bytes_of(header));
+        self.port.send_lent(loan.lent, self.stamp)?;
         self.stamp.seq += 1;
         Ok(())
     }

@@ -8,10 +8,22 @@ use crate::clock::now;
 use protocol::message::{Invalid, Message, require};
 use std::marker::PhantomData;
 
-/// Subscribers of a channel: four processes, launcher, recorder, console and one to spare.
+/// Subscribers of a channel of large blocks, of which a sender has room for a queue each: four processes, launcher,
+/// and three of other makers.
 pub(super) const MAX_SUBSCRIBERS: usize = 8;
-/// Publishers of a channel: `health` and `answers` have one a process.
-pub(super) const MAX_PUBLISHERS: usize = 8;
+/// Subscribers of any other: `control` has one a process, and one a program of another maker.
+pub(super) const MANY_SUBSCRIBERS: usize = 2 * MAX_SUBSCRIBERS;
+/// Largest block of which many are kept, bytes.
+const SMALL_BYTES: usize = 512;
+
+/// The channel of a message.
+fn channel<M: Message>() -> Channel {
+    let subscribers = if size_of::<M>() <= SMALL_BYTES { MANY_SUBSCRIBERS } else { MAX_SUBSCRIBERS };
+    Channel::of::<M>(subscribers, MAX_PUBLISHERS)
+}
+
+/// Publishers of a channel: `health` and `answers` have one a process, and programs of other makers come besides.
+pub(super) const MAX_PUBLISHERS: usize = 16;
 
 /// Sends blocks of one channel.
 pub struct Sender<M: Message> {
@@ -147,8 +159,7 @@ impl Instance {
     /// # Errors
     /// Where another build runs with another layout, or the transport fails.
     pub fn sender<M: Message>(&self) -> Result<Sender<M>, IpcError> {
-        let channel = Channel::of::<M>(MAX_SUBSCRIBERS, MAX_PUBLISHERS);
-        let port = self.open_sender(&channel, size_of::<M>())?;
+        let port = self.open_sender(&channel::<M>(), size_of::<M>())?;
         Ok(Sender { port, stamp: Stamp { epoch: now(), ..Stamp::default() }, sends: PhantomData })
     }
 
@@ -161,8 +172,7 @@ impl Instance {
             Queue::InOrder => M::QUEUE,
             Queue::Newest => 1,
         };
-        let channel = Channel::of::<M>(MAX_SUBSCRIBERS, MAX_PUBLISHERS);
-        let (port, listener) = self.open_receiver(&channel, depth)?;
+        let (port, listener) = self.open_receiver(&channel::<M>(), depth)?;
         Ok(Receiver { port, listener, account: Account::default(), receives: PhantomData })
     }
 }

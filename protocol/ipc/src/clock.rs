@@ -17,6 +17,12 @@ pub fn realtime_offset_ns() -> u64 {
     (t.tv_sec as u64 * 1_000_000_000 + t.tv_nsec as u64).wrapping_sub(between)
 }
 
+/// Processor time that this process has used, ns.
+pub fn cpu_ns() -> u64 {
+    let t = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    t.tv_sec as u64 * 1_000_000_000 + t.tv_nsec as u64
+}
+
 /// Sleeps until the absolute instant `deadline_ns`; returns at once if it has passed.
 pub fn sleep_until(deadline_ns: Nanos) {
     let at = rustix::time::Timespec {

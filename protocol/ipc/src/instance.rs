@@ -14,7 +14,9 @@ use std::path::{Path as StdPath, PathBuf};
 /// Longest instance name; longer root paths fail inside iceoryx2.
 const MAX_NAME: usize = 18;
 /// File in the directory that holds the token by which the instance's segments are called.
-const TOKEN: &str = "token";
+pub(super) const TOKEN: &str = "token";
+/// File in the directory that its owner holds locked.
+pub(super) const LOCK: &str = "owner.lock";
 
 /// This process's place in a simulator.
 pub struct Instance {
@@ -74,10 +76,8 @@ impl Instance {
         let directory = instance_directory(name)?;
         make_private(&directory)?;
         let io = |e: std::io::Error| refused_by_system(&directory, &e);
-        let lock = fs::File::create(directory.join("owner.lock")).map_err(io)?;
-        if rustix::fs::flock(&lock, rustix::fs::FlockOperation::NonBlockingLockExclusive).is_err() {
-            return Err(IpcError::InUse(name.into()));
-        }
+        let lock = fs::File::create(directory.join(LOCK)).map_err(io)?;
+        super::outside::lock_for_owner(&lock).map_err(|_| IpcError::InUse(name.into()))?;
         remove_contents(&directory, false);
         let segments = Segments::new(&token(&directory)?);
         segments.check_free_space()?;
@@ -231,7 +231,7 @@ fn remove_contents(directory: &StdPath, and_itself: bool) {
         let is_dir = entry.file_type().is_ok_and(|t| t.is_dir());
         if is_dir {
             let _ = fs::remove_dir_all(path);
-        } else if and_itself || entry.file_name() != "owner.lock" {
+        } else if and_itself || entry.file_name() != LOCK {
             let _ = fs::remove_file(path);
         }
     }

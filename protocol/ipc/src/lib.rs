@@ -25,6 +25,7 @@ mod instance;
 pub mod logging;
 mod open_limit;
 pub mod outbox;
+pub mod outside;
 mod port;
 pub mod programs;
 mod segments;
@@ -34,7 +35,7 @@ pub mod trace;
 mod wake;
 mod whole;
 
-pub use block::{BlockReceiver, BlockSample, BlockSender};
+pub use block::{BlockReceiver, BlockSample, BlockSender, Loan};
 pub use channel::{Counts, Received, Receiver, Sender};
 pub use controls::ControlSender;
 pub use instance::{Instance, instance_directory, shared_memory_prefix};

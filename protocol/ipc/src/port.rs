@@ -11,6 +11,7 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
+use iceoryx2::sample_mut::SampleMut;
 use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
@@ -156,6 +157,34 @@ pub(super) trait SendPort {
     /// Lends at least `bytes` of shared memory, a multiple of [`UNIT`], to `write`, then sends them
     /// and wakes the receivers. The memory holds whatever an earlier block left there.
     fn send(&mut self, stamp: Stamp, bytes: usize, write: &mut dyn FnMut(&mut [u8])) -> Result<(), IpcError>;
+    /// Lends at least `bytes` of shared memory, as [`SendPort::send`] does, to be sent later or not at all.
+    fn lend(&mut self, bytes: usize) -> Result<Box<dyn Lent>, IpcError>;
+    /// Sends what was lent, and wakes the receivers.
+    fn send_lent(&mut self, lent: Box<dyn Lent>, stamp: Stamp) -> Result<(), IpcError>;
+}
+
+/// Lent shared memory.
+pub(super) trait Lent {
+    /// All of it.
+    fn bytes(&mut self) -> &mut [u8];
+    /// Hands it to the receivers.
+    fn send(self: Box<Self>, stamp: Stamp) -> Result<(), IpcError>;
+}
+
+struct Lending {
+    sample: SampleMut<Service, [Unit], Stamp>,
+    channel: &'static str,
+}
+
+impl Lent for Lending {
+    fn bytes(&mut self) -> &mut [u8] {
+        as_bytes_mut(self.sample.payload_mut())
+    }
+
+    fn send(mut self: Box<Self>, stamp: Stamp) -> Result<(), IpcError> {
+        *self.sample.user_header_mut() = stamp;
+        self.sample.send().map(|_| ()).map_err(transport(self.channel, "send"))
+    }
 }
 
 struct Sending {
@@ -174,6 +203,20 @@ impl SendPort for Sending {
         write(as_bytes_mut(sample.payload_mut()));
         *sample.user_header_mut() = stamp;
         sample.send().map_err(transport(self.channel, "send"))?;
+        self.notifier.notify();
+        Ok(())
+    }
+
+    fn lend(&mut self, bytes: usize) -> Result<Box<dyn Lent>, IpcError> {
+        let units = bytes.div_ceil(UNIT).max(1);
+        let sample = self.publisher.loan_slice_uninit(units).map_err(transport(self.channel, "loan"))?;
+        // SAFETY: as in `send`.
+        let sample = unsafe { sample.assume_init() };
+        Ok(Box::new(Lending { sample, channel: self.channel }))
+    }
+
+    fn send_lent(&mut self, lent: Box<dyn Lent>, stamp: Stamp) -> Result<(), IpcError> {
+        lent.send(stamp)?;
         self.notifier.notify();
         Ok(())
     }

@@ -6,7 +6,7 @@ mod run;
 pub use run::{Served, Work, run};
 
 use crate::awake::Awake;
-use crate::clock::{now, sleep_until};
+use crate::clock::{cpu_ns, now, sleep_until};
 use crate::logging::LogArgs;
 use crate::trace::{Trace, TraceArgs};
 use crate::{Instance, IpcError, MAX_SOURCES, Queue, Receiver, Sender, Wakes, wait, wait_beside};
@@ -123,8 +123,7 @@ impl Shell {
     pub fn beat_now(&mut self, at: Nanos) -> Result<(), IpcError> {
         self.next_beat = at + HEARTBEAT_NS;
         self.report.instant_ns = at;
-        let cpu = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
-        self.report.cpu_ns = cpu.tv_sec as u64 * 1_000_000_000 + cpu.tv_nsec as u64;
+        self.report.cpu_ns = cpu_ns();
         self.health.send(&self.report)
     }
 

@@ -17,7 +17,7 @@ fn event_service(
     node.service_builder(&name)
         .event()
         .max_notifiers(super::channel::MAX_PUBLISHERS)
-        .max_listeners(super::channel::MAX_SUBSCRIBERS)
+        .max_listeners(super::channel::MANY_SUBSCRIBERS)
         .open_or_create()
         .map_err(transport(channel, "event"))
 }

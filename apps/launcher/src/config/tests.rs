@@ -37,6 +37,7 @@ fn value_of(command: &clap::Command, arg: &Arg) -> String {
         "\"0.4,0.5\"",
         "45",
         "\"info\"",
+        "\"pedal\"",
     ];
     let mut tried = first.into_iter().chain(tried.map(str::to_owned));
     let entry = |value: &str| {

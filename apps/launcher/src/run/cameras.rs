@@ -129,7 +129,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name).display().to_string();
         let refused = |cameras: &str, direct| {
-            let real = RealCamerasArgs { cameras: Some(cameras.parse().unwrap()), unscripted: false };
+            let real =
+                RealCamerasArgs { cameras: Some(cameras.parse().unwrap()), ..RealCamerasArgs::default() };
             check(&real, None, direct).err().map(|e| (with_causes(e.as_ref()), e.is::<WrongUse>()))
         };
         std::fs::write(path("a"), "").unwrap();

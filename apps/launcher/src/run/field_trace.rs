@@ -44,11 +44,13 @@ impl Traced {
     pub(super) fn note(&mut self, beat: &Health, at: Nanos) {
         match self.lives.iter_mut().find(|life| life.pid == beat.pid) {
             Some(life) => life.from_to[1] = at,
-            None => self.lives.extend(Process::from_wire(beat.process).map(|process| Missing {
-                process,
-                pid: beat.pid,
-                from_to: [at, at],
-            })),
+            None => {
+                self.lives.extend(
+                    Process::from_wire(beat.process)
+                        .filter(|p| p.drives().is_none())
+                        .map(|process| Missing { process, pid: beat.pid, from_to: [at, at] }),
+                )
+            }
         }
     }
 

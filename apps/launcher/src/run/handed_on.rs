@@ -4,6 +4,7 @@ use super::options::{RunArgs, View};
 use protocol::budget::Stage;
 use protocol::file::STDIN;
 use protocol::health::Process;
+use settings::commands::external::External;
 use settings::commands::processes::{Arguments, PictureArgs, VirtualRigArgs};
 use std::path::PathBuf;
 
@@ -34,9 +35,11 @@ impl RunArgs {
         // Other programs for real cameras know nothing of traces.
         args.value("--trace-spans", self.outputs.trace.spans().filter(|_| !real));
         match process {
+            driver if driver.drives().is_some() => {}
             Process::VirtualRig if real => {
                 if let Some(streams) = self.real.streams() {
                     args.value("--cameras", Some(streams));
+                    args.value("--leave", self.real.external.as_ref().and_then(External::controls));
                     args.value("--duration", remaining_s);
                 }
             }
@@ -44,7 +47,7 @@ impl RunArgs {
             Process::Renderer => self.to_renderer(&mut args, view, restarts),
             Process::Simcore => self.collision.hand_on(&mut args),
             Process::FpgaModel | Process::Tracker => {}
-            Process::Desk => self.desk.iter().for_each(|desk| desk.hand_on(&mut args)),
+            _ => self.desk.iter().for_each(|desk| desk.hand_on(&mut args)),
         }
         args.0
     }
@@ -60,6 +63,7 @@ impl RunArgs {
             Process::Tracker | Process::Desk => Some(Stage::Tracking),
             Process::Simcore => Some(Stage::Simulation),
             Process::Renderer => Some(Stage::Rendering),
+            _ => None,
         }
     }
 
@@ -78,6 +82,7 @@ impl RunArgs {
         VirtualRigArgs { fault_log, blobs, ..self.virtual_rig.clone() }.hand_on(args);
         args.value("--duration", remaining_s);
         args.value("--after-round", self.after_round);
+        args.value("--leave", self.real.external.as_ref().and_then(External::controls));
         let late = self.delay_ms(Stage::CameraWait).map(|ms| format!("{LATE_CAMERA}={ms}"));
         args.value("--late-camera", late);
     }

@@ -2,6 +2,7 @@
 
 use super::arguments::{injected_delay, percentile, positive, share};
 use super::cameras;
+use super::external;
 use super::field_trace::TraceOutArgs;
 use super::policy::MAX_RESTARTS;
 use super::recorder;
@@ -20,6 +21,7 @@ use results::store::check_name;
 use rig::Rig;
 use settings::blob_source::BlobSource;
 use settings::commands::cameras::{Cameras, Streams};
+use settings::commands::external::External;
 use settings::commands::processes::{
     CollisionArgs, DeskArgs, PictureArgs, RigArgs, SceneArgs, VirtualRigArgs,
 };
@@ -122,6 +124,10 @@ pub struct RealCamerasArgs {
         conflicts_with_all = ["blobs", "motion", "faults"]
     )]
     pub cameras: Option<Cameras>,
+    /// Channels that programs of other makers send on, by libvitreo (docs/drivers.md): blobs, fields
+    /// or poses in the place of the cameras, with their --rig; handles and pedal also beside them.
+    #[arg(long, value_name = "CHANNEL,...")]
+    pub external: Option<External>,
     /// Let only people work: without --cameras and their --rig, say what is missing and wait.
     #[arg(long, conflicts_with_all = ["blobs", "motion", "faults"])]
     pub unscripted: bool,
@@ -139,6 +145,16 @@ impl RealCamerasArgs {
             Some(Cameras::Program(program)) => Some(program),
             _ => None,
         }
+    }
+
+    /// The program that stands in their place by what it sends itself.
+    pub fn driver(&self) -> Option<Process> {
+        self.external.as_ref().and_then(External::source)
+    }
+
+    /// Programs of other makers that are expected.
+    pub fn drivers(&self) -> &[Process] {
+        self.external.as_ref().map_or(&[], External::drivers)
     }
 
     /// The streams of pictures that stand for them.
@@ -254,7 +270,8 @@ impl RunArgs {
 
     /// Whether a script moves the instruments, not a person and not a recorded stream.
     pub fn is_scripted(&self) -> bool {
-        self.virtual_rig.blobs.is_none() && self.desk.is_none() && self.real.given().is_none()
+        let cameras = self.real.given().is_none() && self.real.driver().is_none();
+        self.virtual_rig.blobs.is_none() && self.desk.is_none() && cameras
     }
 
     /// Where blobs come from, if they come from elsewhere than cameras.
@@ -269,17 +286,24 @@ impl RunArgs {
     }
 
     /// The process that begins a run and ends it: the virtual rig, or the desk in the place of rig,
-    /// camera hardware and tracker.
+    /// camera hardware and tracker, or a driver.
     pub fn source(&self) -> Process {
-        if self.desk.is_some() { Process::Desk } else { Process::VirtualRig }
+        let driver = self.real.driver().unwrap_or(Process::VirtualRig);
+        if self.desk.is_some() { Process::Desk } else { driver }
+    }
+
+    /// Whether a tracker of ours makes the poses.
+    pub fn is_tracked(&self) -> bool {
+        !matches!(self.source(), Process::Desk | Process::PosesDriver)
     }
 
     /// The processes between the source and the simulation.
     pub fn trackers(&self) -> &'static [Process] {
-        match (&self.desk, self.virtual_rig.direct || self.virtual_rig.blobs.is_some()) {
-            (Some(_), _) => &[],
-            (None, true) => &[Process::Tracker],
-            (None, false) => &[Process::Tracker, Process::FpgaModel],
+        let blobs = self.virtual_rig.direct || self.virtual_rig.blobs.is_some();
+        match (self.is_tracked(), blobs || self.source() == Process::BlobsDriver) {
+            (false, _) => &[],
+            (true, true) => &[Process::Tracker],
+            (true, false) => &[Process::Tracker, Process::FpgaModel],
         }
     }
 
@@ -381,6 +405,7 @@ impl RunArgs {
         ] {
             file.as_deref().map_or(Ok(()), |file| check_file(option, file))?;
         }
+        external::check(self)?;
         cameras::check(&self.real, self.rig.rig.as_deref(), self.virtual_rig.direct)?;
         picture.instruments.as_deref().map_or(Ok(()), |folder| check_folder("--instruments", folder))?;
         let mut outputs = Outputs::new(self.outputs.force.force).reading_all(self.inputs());

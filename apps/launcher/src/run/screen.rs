@@ -1,5 +1,6 @@
 //! One screen of status while a run goes on; one line every ten seconds where there is no terminal.
 
+use super::external::Presence;
 use super::latency_stats::LatencyStats;
 use super::monitor::{CHANNELS, Monitor};
 use super::supervisor::Slot;
@@ -112,6 +113,7 @@ impl Status<'_> {
                 STATE_FINISHED => "finished",
                 _ => "starting",
             };
+            let state = if slot.presence.as_ref().is_some_and(Presence::is_away) { "awaited" } else { state };
             let (text, lost, refused) = (health.text(), health.lost, health.refused);
             let percent = slot.cpu.share() * 100.0;
             lines.push(format!(

@@ -2,6 +2,7 @@
 
 mod attempts;
 mod closing;
+mod drivers;
 mod restarts;
 mod status;
 
@@ -204,7 +205,7 @@ impl<'a> Session<'a> {
                 monitor,
                 tracking,
                 watch: Watch::default(),
-                silence: SilenceWatch::new(args.desk.is_some(), args.takes_live_blobs()),
+                silence: SilenceWatch::new(args.source(), args.takes_live_blobs()),
                 resume,
                 recorder,
                 score: LiveScore::default(),
@@ -232,7 +233,10 @@ impl<'a> Session<'a> {
     /// Where a process does not start or dies too often, or a channel fails.
     pub async fn run(&mut self) -> anyhow::Result<&'static str> {
         self.start_receivers().await?;
-        self.supervisor.start(self.args.source(), self.args.duration, now())?;
+        self.invite_drivers()?;
+        if self.args.source().drives().is_none() {
+            self.supervisor.start(self.args.source(), self.args.duration, now())?;
+        }
         let why = self.work().await?;
         self.linger().await?;
         Ok(why)
@@ -272,6 +276,9 @@ impl<'a> Session<'a> {
             }
             if events.contains(&ProcessEvent::StreamEnded) {
                 return Ok(if self.args.duration.is_some() { "duration" } else { "end of the stream" });
+            }
+            if self.args.source().drives().is_some() && self.remaining_ns().is_some_and(|left| left <= 0) {
+                return Ok("duration");
             }
             if self.remaining_ns().is_some_and(|left| left < -(OVERTIME_NS as i64)) {
                 return Ok("duration (the cameras did not say so)");
@@ -352,7 +359,11 @@ impl<'a> Session<'a> {
     fn note_event(&mut self, event: &ProcessEvent) -> anyhow::Result<()> {
         let at = now();
         match event {
+            ProcessEvent::Gone(driver) => self.tell_driver(at, *driver, false),
             ProcessEvent::Ready(process) => {
+                if process.drives().is_some() {
+                    self.tell_driver(at, *process, true);
+                }
                 if *process == self.args.source() && self.started_ns == 0 {
                     (self.started_ns, self.attempt_ns) = (at, at);
                     self.consumers.recorder.as_mut().map_or(Ok(()), Recorder::appear)?;

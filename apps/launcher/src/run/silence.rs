@@ -22,8 +22,15 @@ const OF_STREAM: [&str; 2] = [
     "its writer is not there, or writes nothing that can be used: virtual-rig's lines on standard error say which",
     "see to the writer; the run goes on and takes its lines up again",
 ];
+/// What is said of a program of another maker.
+const OF_DRIVER: [&str; 2] = [
+    "its driver is not there, or has nothing to send",
+    "see to the driver; the run goes on and takes it up again",
+];
 /// What a live stream is called.
 const STREAM: &str = "the blob stream";
+/// With what the names of drivers end.
+const DRIVER: &str = "-driver";
 
 /// What a process puts out, in the order of the data path.
 #[derive(Debug)]
@@ -52,20 +59,31 @@ pub struct SilenceWatch {
 }
 
 impl SilenceWatch {
-    /// For a run whose poses come from a tracker or from a desk; `live`: its blobs from a stream that
-    /// others write.
-    pub fn new(desk: bool, live: bool) -> Self {
+    /// For a run whose poses come from `source` itself, or from a tracker; `live`: its blobs from a stream
+    /// that others write.
+    pub fn new(source: Process, live: bool) -> Self {
         let output = |name, channel: &str, effect| Output {
             name,
             channel: CHANNELS.iter().position(|c| *c == channel).unwrap_or(0),
             effect,
-            advice: if name == STREAM { OF_STREAM } else { OF_PROCESS },
+            advice: match name {
+                STREAM => OF_STREAM,
+                driver if driver.ends_with(DRIVER) => OF_DRIVER,
+                _ => OF_PROCESS,
+            },
             count: 0,
             silent_ns: 0,
             warning: None,
         };
-        let (source, poses) = if desk { (None, Process::Desk) } else { (Some("blobs"), Process::Tracker) };
-        let cameras = if live { STREAM } else { "the camera side" };
+        let cameras = match source {
+            driver if driver.drives().is_some() => driver.name(),
+            _ if live => STREAM,
+            _ => "the camera side",
+        };
+        let (source, poses) = match source {
+            Process::Desk | Process::PosesDriver => (None, source),
+            _ => (Some("blobs"), Process::Tracker),
+        };
         let source = source.map(|c| output(cameras, c, "the tracker gets nothing"));
         let path = [
             output(poses.name(), "poses", "the instruments stand still in the picture"),
@@ -127,14 +145,14 @@ impl SilenceWatch {
         self.warnings.iter().filter(|w| !is_of_stream(w)).cloned().collect()
     }
 
-    /// Every silence of a stream that others write: no process of the run is at fault.
+    /// Every silence of what other programs send: no process of the run is at fault.
     pub fn of_stream(&self) -> Vec<Warning> {
         self.warnings.iter().filter(|w| is_of_stream(w)).cloned().collect()
     }
 }
 
 fn is_of_stream(warning: &Warning) -> bool {
-    warning.finding.subject.ends_with(STREAM)
+    [STREAM, DRIVER].iter().any(|name| warning.finding.subject.ends_with(name))
 }
 
 fn end(warnings: &mut [Warning], index: Option<usize>, at_s: f64) {
@@ -161,7 +179,7 @@ mod tests {
 
     #[test]
     fn the_first_that_is_silent_is_named_once() {
-        let mut watch = SilenceWatch::new(false, false);
+        let mut watch = SilenceWatch::new(Process::VirtualRig, false);
         let all = ["blobs", "poses", "steps", "frames"];
         assert!(second(&mut watch, 0, &all).is_empty());
         assert_eq!(second(&mut watch, 1_000, &["blobs", "frames"]), ["silence of tracker"]);
@@ -177,7 +195,7 @@ mod tests {
 
     #[test]
     fn who_got_nothing_is_judged_from_when_it_gets_something() {
-        let mut watch = SilenceWatch::new(false, false);
+        let mut watch = SilenceWatch::new(Process::VirtualRig, false);
         assert!(second(&mut watch, 0, &["blobs", "poses", "steps"]).is_empty());
         assert_eq!(second(&mut watch, 1_000, &["blobs"]), ["silence of tracker"]);
         // The poses are back, a call before the steps.
@@ -190,7 +208,7 @@ mod tests {
 
     #[test]
     fn a_stream_that_others_write_is_no_fault_of_a_process() {
-        let mut watch = SilenceWatch::new(false, true);
+        let mut watch = SilenceWatch::new(Process::VirtualRig, true);
         assert_eq!(second(&mut watch, 0, &[]), ["silence of the blob stream"]);
         assert!(watch.present().is_some_and(|finding| finding.remedy.contains("see to the writer")));
         assert!(second(&mut watch, 1_000, &["blobs", "poses", "steps"]).is_empty());
@@ -201,15 +219,25 @@ mod tests {
     }
 
     #[test]
+    fn a_driver_that_sends_nothing_is_no_fault_of_a_process() {
+        let mut watch = SilenceWatch::new(Process::BlobsDriver, false);
+        assert_eq!(second(&mut watch, 0, &[]), ["silence of blobs-driver"]);
+        assert_eq!((watch.of_stream().len(), watch.of_processes().len()), (1, 0));
+        let mut watch = SilenceWatch::new(Process::PosesDriver, false);
+        assert_eq!(second(&mut watch, 0, &["steps"]), ["silence of poses-driver"]);
+        assert!(watch.of_processes().is_empty());
+    }
+
+    #[test]
     fn a_desk_sends_poses_itself() {
-        let mut watch = SilenceWatch::new(true, false);
+        let mut watch = SilenceWatch::new(Process::Desk, false);
         assert!(second(&mut watch, 0, &["poses", "steps"]).is_empty());
         assert_eq!(second(&mut watch, 1_000, &["steps"]), ["silence of desk"]);
     }
 
     #[test]
     fn neither_a_sleep_nor_a_pause_is_a_silence() {
-        let mut watch = SilenceWatch::new(false, false);
+        let mut watch = SilenceWatch::new(Process::VirtualRig, false);
         let counts = [1; CHANNELS.len()];
         watch.note(counts, 0, 0.0);
         assert!(watch.note(counts, 3_600_000 * MS, 3_600.0).is_none(), "an hour of sleep");

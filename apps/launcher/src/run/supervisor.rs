@@ -1,5 +1,6 @@
 //! Keeps the processes of a run alive: starts them, notices the dead and the hung, restarts them.
 
+use super::external::Presence;
 use super::options::{RunArgs, View};
 use super::policy::{CpuAccount, RestartLimit, WINDOW_NS};
 use super::standby::{self, Standby};
@@ -43,6 +44,8 @@ pub enum ProcessEvent {
     StreamEnded,
     /// The window was closed.
     WindowClosed,
+    /// A driver gives no sign of life any more.
+    Gone(Process),
 }
 
 /// One process of the run.
@@ -67,6 +70,8 @@ pub struct Slot {
     ready_at: Nanos,
     last_sign_ns: Nanos,
     limit: RestartLimit,
+    /// Of a program of another maker, which is not ours to start.
+    pub presence: Option<Presence>,
 }
 
 /// Starts and restarts the processes.
@@ -117,12 +122,24 @@ impl Supervisor {
     /// Where its binary is absent or cannot be run.
     pub fn start(&mut self, process: Process, remaining_s: Option<f64>, now: Nanos) -> anyhow::Result<()> {
         let child = self.spawn(process, remaining_s, 0, &[])?;
-        self.slots.push(Slot {
+        let slot = self.slot(process, now);
+        self.slots.push(Slot { child: Some(child), ..slot });
+        Ok(())
+    }
+
+    /// Expects a program of another maker, which comes and goes as it likes.
+    pub fn expect(&mut self, driver: Process, now: Nanos) {
+        let slot = self.slot(driver, now);
+        self.slots.push(Slot { presence: Some(Presence::default()), ..slot });
+    }
+
+    fn slot(&self, process: Process, now: Nanos) -> Slot {
+        Slot {
             process,
             health: None,
             restarts: 0,
             cpu: CpuAccount::default(),
-            child: Some(child),
+            child: None,
             restart_at: None,
             joined: false,
             ready: false,
@@ -130,8 +147,8 @@ impl Supervisor {
             ready_at: 0,
             last_sign_ns: now,
             limit: RestartLimit::of(self.args.trial.max_restarts),
-        });
-        Ok(())
+            presence: None,
+        }
     }
 
     fn spawn(
@@ -167,7 +184,7 @@ impl Supervisor {
 
     /// True once every started process is at work.
     pub fn all_ready(&self) -> bool {
-        self.slots.iter().all(|s| s.ready && s.child.is_some())
+        self.ours().all(|s| s.ready && s.child.is_some())
     }
 
     /// True once every started process is at work, and so is what is to be prepared beside them.
@@ -178,17 +195,29 @@ impl Supervisor {
         self.all_ready() && (needs_none || self.standby.is_prepared())
     }
 
+    /// The processes that the launcher has started.
+    fn ours(&self) -> impl Iterator<Item = &Slot> {
+        self.slots.iter().filter(|s| s.presence.is_none())
+    }
+
     /// Names of the processes that are not ready yet.
     pub fn awaited(&self) -> Vec<&'static str> {
-        let late = self.slots.iter().filter(|s| !s.ready || s.child.is_none());
+        let late = self.ours().filter(|s| !s.ready || s.child.is_none());
         let standby = self.all_ready().then_some("the standby renderer");
         late.map(|s| s.process.name()).chain(standby).collect()
     }
 
     /// Takes a heartbeat.
     pub fn note(&mut self, beat: &Health, now: Nanos) -> Option<ProcessEvent> {
-        let is_it = |s: &&mut Slot| s.child.as_ref().is_some_and(|c| c.pid() == beat.pid);
+        let is_it = |s: &&mut Slot| match &s.presence {
+            Some(_) => s.process as u32 == beat.process,
+            None => s.child.as_ref().is_some_and(|c| c.pid() == beat.pid),
+        };
         let slot = self.slots.iter_mut().find(is_it)?;
+        if let Some(presence) = &mut slot.presence {
+            // A successor that came within a moment comes anew.
+            slot.ready &= !presence.note(beat, now);
+        }
         slot.health = Some(*beat);
         slot.last_sign_ns = now;
         if beat.state == STATE_STARTING {
@@ -238,6 +267,13 @@ impl Supervisor {
         for slot in &mut self.slots {
             if slept {
                 slot.last_sign_ns = now;
+            }
+            if let Some(presence) = &mut slot.presence {
+                if presence.has_gone(slot.last_sign_ns, now) {
+                    slot.ready = false;
+                    events.push(ProcessEvent::Gone(slot.process));
+                }
+                continue;
             }
             let Some(end) = slot.end(now).await else { continue };
             if end.orderly && slot.process == Process::Renderer && self.view == View::Window {

@@ -15,11 +15,12 @@ const SLOW_SHARE: f64 = 0.8;
 
 /// What is wrong with a run in the newest period, `since_ns` after its start.
 pub fn findings(args: &RunArgs, tracking: &Tracking, monitor: &Monitor, since_ns: Nanos) -> Vec<Finding> {
-    // At a desk nothing is tracked.
-    let mut found = if args.desk.is_none() { tracking.findings().to_vec() } else { Vec::new() };
+    // At a desk, or where poses come from outside, nothing is tracked.
+    let mut found = if args.is_tracked() { tracking.findings().to_vec() } else { Vec::new() };
     if since_ns >= INPUT_NS {
-        // A recorded stream brings blobs alone.
-        found.extend(missing_inputs(monitor).filter(|_| args.virtual_rig.blobs.is_none()));
+        // A recorded stream brings blobs alone, and a driver what it says.
+        let alone = args.virtual_rig.blobs.is_some() || args.real.external.is_some();
+        found.extend(missing_inputs(monitor).filter(|_| !alone));
         found.extend(slow_picture(monitor));
     }
     found

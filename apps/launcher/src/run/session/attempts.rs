@@ -205,7 +205,8 @@ impl Session<'_> {
         let seq = self.supervisor.ask(EVERY_PROCESS, command, argument);
         let trackers = self.args.trackers().iter().copied();
         // Real cameras see what there is, whatever the simulation does.
-        let source = self.args.real.given().is_none().then(|| self.args.source());
+        let real = self.args.real.given().is_some() || self.args.real.driver().is_some();
+        let source = (!real).then(|| self.args.source());
         let obeying = source.into_iter().chain([Process::Simcore]).chain(trackers);
         let waiting = obeying.map(|p| p as u32).collect();
         self.command = CommandProgress { seq, waiting, problems: Vec::new() };

@@ -87,7 +87,7 @@ impl Session<'_> {
             recording,
             cameras: self.deliveries(),
         };
-        let foreign_rig = self.args.real.given().is_some();
+        let foreign_rig = self.args.real.given().is_some() || self.args.real.driver().is_some();
         let (options, directory) = (&self.args.outputs.trace, self.instance.directory());
         let trace = self.traced.collect(options, directory, self.started_ns, foreign_rig);
         Closed { report, attempts: self.attempts, trace }
@@ -161,6 +161,9 @@ fn setup(args: &RunArgs, view: View, provenance: &Provenance) -> Setup {
             None => format!("desk, {}", desk.input.as_deref().unwrap_or(AUTO)),
         },
         (_, Some(blobs), _) => format!("blob stream {}", path(blobs)),
+        _ if args.real.driver().is_some() => {
+            format!("drivers: {}", args.real.external.as_ref().map_or_else(String::new, ToString::to_string))
+        }
         (_, _, Some(motion)) => format!("script with the hand of {}", path(motion)),
         _ => args.real.given().map_or_else(|| "script".into(), |cameras| format!("cameras {cameras}")),
     };

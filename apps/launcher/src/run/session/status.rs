@@ -17,7 +17,10 @@ impl Session<'_> {
     /// Shows the status where it is due.
     pub(super) fn show(&mut self) {
         let at = now();
-        if self.started_ns == 0 || !self.screen.due(at) {
+        if self.started_ns == 0 {
+            return self.say_what_is_awaited(at);
+        }
+        if !self.screen.due(at) {
             return;
         }
         self.note_own_cpu(at);
@@ -67,6 +70,7 @@ impl Session<'_> {
         if let Some(trouble) = self.supervisor.trouble_of_streams() {
             say_for_themselves(trouble, &mut found);
         }
+        found.extend(self.supervisor.trouble_of_drivers(at));
         let at_s = self.elapsed_s(at);
         for finding in self.consumers.watch.note(at_s, &found) {
             self.warn_of(&finding, at);
@@ -79,7 +83,8 @@ impl Session<'_> {
     pub(super) fn watch_silence(&mut self) {
         let (at, at_s) = (now(), self.elapsed_s(now()));
         // Cameras whose sources bring nothing say so themselves.
-        let told = self.supervisor.trouble_of_streams().is_some();
+        let source = self.args.source();
+        let told = self.supervisor.trouble_of_streams().is_some() || self.supervisor.lacks(source, at);
         if self.started_ns == 0 || self.paused_ns.is_some() || told || !self.supervisor.all_ready() {
             return self.consumers.silence.excuse(at, at_s);
         }

@@ -1,0 +1,198 @@
+//! Programs of other makers that take part in a run: what they stand in for, whether they are there, and what is said
+//! where they are not. The launcher neither starts nor ends nor restarts them. Pure.
+
+use super::options::RunArgs;
+use super::supervisor::{Slot, Supervisor};
+use crate::exit::WrongUse;
+use diagnosis::Finding;
+use protocol::health::{Health, Process, STATE_DEGRADED, STATE_FINISHED};
+use protocol::time::Nanos;
+
+/// A driver without a heartbeat for so long is gone, ns: ten of them.
+const GONE_NS: u64 = 1_000_000_000;
+/// A driver that sends nothing for so long is silent, ns.
+const SILENT_NS: u64 = 1_000_000_000;
+
+/// Refuses what excludes itself.
+///
+/// # Errors
+/// Where it is so.
+pub fn check(args: &RunArgs) -> anyhow::Result<()> {
+    let Some(external) = &args.real.external else { return Ok(()) };
+    let wrong = |problem: &str| Err(WrongUse(format!("--external {external}: {problem}")).into());
+    let cameras = &args.virtual_rig;
+    if external.source().is_none() {
+        return if args.real.program().is_some() {
+            wrong("the program of --cameras sends handles and pedal itself")
+        } else {
+            Ok(())
+        };
+    }
+    let others = [
+        ("--cameras", args.real.given().is_some()),
+        ("--blobs", cameras.blobs.is_some()),
+        ("--motion", cameras.motion.is_some()),
+        ("--faults", cameras.faults.is_some()),
+        ("--direct", cameras.direct),
+    ];
+    match others.into_iter().find(|(_, given)| *given) {
+        Some((option, _)) => wrong(&format!("it stands in the place of the cameras; leave {option} away")),
+        None if args.rig.rig.is_none() => wrong("it needs the rig of its cameras: --rig RIG.json"),
+        None => Ok(()),
+    }
+}
+
+/// What is known of whether a driver is there.
+#[derive(Debug, Default)]
+pub struct Presence {
+    /// Its process; 0 where none is there.
+    pid: u32,
+    was_there: bool,
+    /// Blocks that it has sent.
+    sent: u64,
+    /// When it last sent one, or came.
+    sent_ns: Nanos,
+}
+
+impl Presence {
+    /// Takes a heartbeat; true where it is the first one of a process.
+    pub fn note(&mut self, beat: &Health, now: Nanos) -> bool {
+        let came = beat.pid != self.pid;
+        if came || beat.sent != self.sent || beat.state == STATE_FINISHED {
+            (self.sent, self.sent_ns) = (beat.sent, now);
+        }
+        (self.pid, self.was_there) = (beat.pid, true);
+        came
+    }
+
+    /// True once, where no heartbeat came any more since `last_sign_ns`.
+    pub fn has_gone(&mut self, last_sign_ns: Nanos, now: Nanos) -> bool {
+        let gone = self.pid != 0 && now.saturating_sub(last_sign_ns) > GONE_NS;
+        if gone {
+            self.pid = 0;
+        }
+        gone
+    }
+
+    /// True where no process of it is there.
+    pub fn is_away(&self) -> bool {
+        self.pid == 0
+    }
+
+    /// True where it is not there, or sends nothing.
+    pub fn is_silent(&self, now: Nanos) -> bool {
+        self.pid == 0 || now.saturating_sub(self.sent_ns) > SILENT_NS
+    }
+
+    /// What is wrong with it, in words.
+    pub fn trouble(&self, driver: Process, health: Option<&Health>, now: Nanos) -> Option<Finding> {
+        let channel = driver.drives().unwrap_or_default();
+        let finding = |what: String, cause: &str, remedy: &str| {
+            let subject = driver.name().into();
+            Some(Finding { what, cause: cause.into(), remedy: remedy.into(), subject })
+        };
+        let words = health.map(Health::text).unwrap_or_default();
+        if self.pid == 0 {
+            let what =
+                if self.was_there { "the program that sends" } else { "no program has come that sends" };
+            let end = if self.was_there { " is gone" } else { "" };
+            return finding(
+                format!("{what} {channel}{end}"),
+                "--external leaves it to another program, which the launcher does not start",
+                "start it (docs/drivers.md); the run goes on and takes it up again",
+            );
+        }
+        if self.is_silent(now) {
+            let what = format!("{words} sends nothing on {channel}");
+            return finding(what, "it lives, and has nothing to send or hangs", "see to it; the run goes on");
+        }
+        let degraded = health.is_some_and(|health| health.state == STATE_DEGRADED);
+        let what = format!("{channel}: {words}");
+        degraded.then(|| finding(what, "its driver says so", "see to it; the run goes on")).flatten()
+    }
+}
+
+impl Supervisor {
+    /// What is wrong with programs of other makers.
+    pub fn trouble_of_drivers(&self, now: Nanos) -> Vec<Finding> {
+        let trouble = |s: &Slot| s.presence.as_ref()?.trouble(s.process, s.health.as_ref(), now);
+        self.slots.iter().filter_map(trouble).collect()
+    }
+
+    /// Whether a driver is not there, or sends nothing.
+    pub fn lacks(&self, driver: Process, now: Nanos) -> bool {
+        let presence = self.slots.iter().find(|s| s.process == driver).and_then(|s| s.presence.as_ref());
+        presence.is_some_and(|presence| presence.is_silent(now))
+    }
+
+    /// What a driver calls itself.
+    pub fn words_of(&self, driver: Process) -> String {
+        let slot = self.slots.iter().find(|s| s.process == driver);
+        slot.and_then(|s| s.health).map(|h| h.text()).unwrap_or_default()
+    }
+}
+
+/// What is said while nothing comes from outside yet.
+pub fn waiting_for(instance: &str, channels: &[&str]) -> String {
+    let channels = channels.join(", ");
+    format!(
+        "waiting for a program that sends {channels}: it opens the instance '{instance}' (docs/drivers.md)"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use protocol::health::STATE_RUNNING;
+    use protocol::message::text_bytes;
+
+    const MS: u64 = 1_000_000;
+
+    #[test]
+    fn a_driver_comes_falls_silent_goes_and_comes_back() {
+        let mut presence = Presence::default();
+        let trouble = |p: &Presence, beat: Option<&Health>, ms: u64| {
+            p.trouble(Process::PedalDriver, beat, ms * MS).map(|f| f.what).unwrap_or_default()
+        };
+        assert_eq!(trouble(&presence, None, 0), "no program has come that sends pedal");
+        assert!(!presence.has_gone(0, 9_000 * MS), "what never came does not go");
+        let mut beat = Health { pid: 7, sent: 1, state: STATE_RUNNING, ..Health::zeroed() };
+        beat.text = text_bytes("switch");
+        assert!(presence.note(&beat, 10 * MS) && !presence.note(&beat, 110 * MS));
+        assert_eq!(trouble(&presence, Some(&beat), 500), "");
+        assert!(presence.is_silent(1_200 * MS));
+        assert_eq!(trouble(&presence, Some(&beat), 1_200), "switch sends nothing on pedal");
+        let degraded = Health { sent: 2, state: STATE_DEGRADED, ..beat };
+        presence.note(&degraded, 1_300 * MS);
+        assert_eq!(trouble(&presence, Some(&degraded), 1_400), "pedal: switch");
+        assert!(presence.has_gone(1_300 * MS, 2_400 * MS) && !presence.has_gone(1_300 * MS, 2_500 * MS));
+        assert_eq!(trouble(&presence, Some(&degraded), 2_500), "the program that sends pedal is gone");
+        let next = Health { pid: 8, sent: 0, ..beat };
+        assert!(presence.note(&next, 3_000 * MS), "another process");
+        assert_eq!(trouble(&presence, Some(&next), 3_100), "");
+    }
+
+    #[test]
+    fn what_stands_in_the_place_of_cameras_excludes_them() {
+        let args = |words: &[&str]| {
+            let mut args = RunArgs::default();
+            args.real.external = Some(words[0].parse().unwrap());
+            args.real.cameras = words.get(1).map(|w| w.parse().unwrap());
+            args.rig.rig = words.get(2).map(Into::into);
+            check(&args).err().map(|e| e.to_string()).unwrap_or_default()
+        };
+        assert_eq!(args(&["pedal"]), "");
+        assert_eq!(args(&["handles", "y4m:a"]), "");
+        assert!(args(&["handles", "driver"]).contains("sends handles and pedal itself"));
+        assert!(args(&["blobs"]).contains("--rig"));
+        assert!(args(&["blobs,pedal", "y4m:a", "r.json"]).contains("leave --cameras away"));
+        assert_eq!(args(&["poses", "virtual", "r.json"]), "");
+    }
+
+    #[test]
+    fn what_is_awaited_is_named_with_the_instance() {
+        let text = waiting_for("main", &["blobs", "pedal"]);
+        assert!(text.starts_with("waiting for a program that sends blobs, pedal") && text.contains("'main'"));
+    }
+}
