@@ -9,6 +9,7 @@ mod configuration;
 mod crash;
 mod doctor;
 mod dose;
+mod drivers;
 mod endure;
 mod faults;
 mod field_trace;

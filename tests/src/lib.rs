@@ -205,6 +205,11 @@ impl Observer {
         self.instance.block_receiver().expect("channel")
     }
 
+    /// Opens the cameras' pixels.
+    pub fn pixels(&self) -> BlockReceiver<FieldHeader> {
+        self.instance.block_receiver().expect("channel")
+    }
+
     /// Opens the sending side of the cameras' pixels, for fields of at most `bytes`.
     pub fn fields(&self, bytes: usize) -> BlockSender<FieldHeader> {
         self.instance.block_sender(bytes).expect("channel")
