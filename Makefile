@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo demo-repeat test latency soak hour hour-live seek endure defects test-python test-viewers fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
+.PHONY: help setup setup-python demo demo-repeat test latency soak hour hour-live seek endure defects test-python test-drivers test-viewers fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
 	version tag release-programs stage deb test-deb sbom reproducible deny clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -17,6 +17,9 @@ PREFIX ?= /usr/local
 BIN := $(DESTDIR)$(PREFIX)/bin
 PROGRAMS := $(DESTDIR)$(PREFIX)/lib/vitreo
 SHARE := $(DESTDIR)$(PREFIX)/share
+# Of drivers: library, headers, and where they are.
+LIBRARIES := $(DESTDIR)$(PREFIX)/lib
+INCLUDE := $(DESTDIR)$(PREFIX)/include
 INSTALLED = $(addprefix $(TARGET)/release/,vitreo vitreo-calibration vitreo-cameras vitreo-desk vitreo-fpga-model \
 	vitreo-renderer vitreo-replay vitreo-simcore vitreo-tracker vitreo-virtual-rig)
 AS_ROOT := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
@@ -42,10 +45,11 @@ INSTALL := DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recomm
 help: ## Say what there is
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-setup: ## Install C and C++ compilers, a Vulkan driver and Rust, where they are missing
+setup: ## Install C and C++ compilers, Python, a Vulkan driver and Rust, where they are missing
 	@set -eu; missing=""; \
 	command -v cc >/dev/null || missing="$$missing gcc libc6-dev"; \
 	command -v c++ >/dev/null || missing="$$missing g++"; \
+	command -v python3 >/dev/null || missing="$$missing python3"; \
 	command -v pkg-config >/dev/null || missing="$$missing pkg-config"; \
 	ls /usr/lib/*/libvulkan.so.1 /usr/lib64/libvulkan.so.1 2>/dev/null | grep -q . \
 		|| missing="$$missing libvulkan1"; \
@@ -136,6 +140,12 @@ test-python: setup setup-python ## Read a fresh recording with Python's mcap
 	$(RELEASE) run --no-picture --direct --instance python --duration 4 --force --record out/python.mcap
 	.venv/bin/python tests/python/read_recording.py out/python.mcap
 
+test-drivers: setup setup-python ## Kill a driver a hundred times during a run, and install and use the Python package (KILLS=1000)
+	cargo build --release --workspace
+	VITREO_KILLS=$(or $(KILLS),100) cargo test --release --workspace --test scenarios drivers -- --test-threads 1
+	.venv/bin/python -m pip install -q --force-reinstall ./drivers/python
+	VITREO_LIBRARY=$(abspath $(TARGET))/release/libvitreo.so .venv/bin/python -c 'import vitreo; print("vitreo", vitreo.now())'
+
 test-viewers: test-python ## Convert that recording for Rerun, and account for every channel (installs 800 MB)
 	.venv/bin/python -m pip install -q -r tests/python/requirements-rerun.txt
 	.venv/bin/python tests/python/rerun_recording.py out/python.mcap out/rerun
@@ -209,7 +219,7 @@ vectors: setup ## Renew the test vectors of the camera hardware; say in the comm
 
 # Programs that vitreo starts lie beside it; on the path is a link.
 programs: setup ## Build the programs for use (OBJECT_STORE=1: vitreo score takes s3:// addresses)
-	cargo build --release --bins $(if $(OBJECT_STORE),--features replay/object-store)
+	cargo build --release --bins --lib $(if $(OBJECT_STORE),--features replay/object-store)
 
 # Building belongs to who calls, also under sudo; only putting files into PREFIX may need more.
 install: ## Install into PREFIX (/usr/local), for packages below DESTDIR; make uninstall takes it away again
@@ -218,8 +228,12 @@ install: ## Install into PREFIX (/usr/local), for packages below DESTDIR; make u
 
 put:
 	install -d $(BIN) $(PROGRAMS) $(SHARE)/doc/vitreo $(SHARE)/bash-completion/completions \
-		$(SHARE)/zsh/site-functions $(SHARE)/fish/vendor_completions.d
+		$(SHARE)/zsh/site-functions $(SHARE)/fish/vendor_completions.d $(LIBRARIES)/pkgconfig $(INCLUDE)
 	install -m 755 $(INSTALLED) $(PROGRAMS)
+	install -m 755 $(TARGET)/release/libvitreo.so $(LIBRARIES)
+	install -m 644 drivers/c/vitreo.h drivers/cpp/vitreo.hpp $(INCLUDE)
+	sed 's|@PREFIX@|$(PREFIX)|; s|@VERSION@|$(VERSION)|' drivers/c/vitreo.pc.in > $(LIBRARIES)/pkgconfig/vitreo.pc
+	chmod 644 $(LIBRARIES)/pkgconfig/vitreo.pc
 	ln -sf ../lib/vitreo/vitreo $(BIN)/vitreo
 	$(RELEASE) man --force $(SHARE)/man/man1
 	$(RELEASE) completions bash > $(SHARE)/bash-completion/completions/vitreo
@@ -235,6 +249,7 @@ take-away:
 	rm -f $(BIN)/vitreo $(SHARE)/man/man1/vitreo.1 $(SHARE)/man/man1/vitreo-*.1
 	rm -f $(SHARE)/bash-completion/completions/vitreo $(SHARE)/zsh/site-functions/_vitreo
 	rm -f $(SHARE)/fish/vendor_completions.d/vitreo.fish
+	rm -f $(LIBRARIES)/libvitreo.so $(LIBRARIES)/pkgconfig/vitreo.pc $(INCLUDE)/vitreo.h $(INCLUDE)/vitreo.hpp
 	rm -rf $(PROGRAMS) $(SHARE)/doc/vitreo
 
 test-install: ## Install into a temporary folder, run what is there from elsewhere, and take it away
@@ -254,13 +269,13 @@ release-programs:
 	@$(call tool,cargo-auditable,0.7.7)
 	env PATH="$(TOOLS)/bin:$$PATH" $(if $(PACKAGE_FLAGS),RUSTFLAGS="$(strip $(RUSTFLAGS) $(PACKAGE_FLAGS))") \
 		$(if $(PACKAGE_C_FLAGS),CFLAGS="$(strip $(CFLAGS) $(PACKAGE_C_FLAGS))" CXXFLAGS="$(strip $(CXXFLAGS) $(PACKAGE_C_FLAGS))") \
-		cargo auditable build --locked --release --bins
+		cargo auditable build --locked --release --bins --lib
 
 # What the package has, as it lies on the disk of who installs it.
 stage: release-programs
 	rm -rf $(PACKAGE)
 	$(MAKE) --no-print-directory put DESTDIR=$(PACKAGE) PREFIX=/usr
-	strip --strip-unneeded $(PACKAGE)/usr/lib/vitreo/*
+	strip --strip-unneeded $(PACKAGE)/usr/lib/vitreo/* $(PACKAGE)/usr/lib/libvitreo.so
 	rm $(PACKAGE)/usr/share/doc/vitreo/LICENSE-MIT $(PACKAGE)/usr/share/doc/vitreo/CHANGELOG.md
 	gzip -9n < CHANGELOG.md > $(PACKAGE)/usr/share/doc/vitreo/changelog.gz
 	cargo metadata --locked --format-version 1 --filter-platform $$(rustc -vV | sed -n 's/^host: //p') > target/metadata.json
