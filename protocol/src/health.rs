@@ -7,8 +7,9 @@ use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
 /// The processes of a simulator. The desk takes the place of virtual rig, camera hardware and
-/// tracker; the camera hardware runs where there are pixels to scan. Drivers are programs of other makers, which
-/// the launcher does not start; each is named for the channel that it sends on.
+/// tracker; the camera hardware runs where there are pixels to scan, controls where pedal or handles are real.
+/// Drivers are programs of other makers, which the launcher does not start; each is named for the channel that
+/// it sends on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u32)]
 #[allow(missing_docs)]
@@ -19,6 +20,7 @@ pub enum Process {
     Renderer = 3,
     Desk = 4,
     VirtualRig = 5,
+    Controls = 6,
     BlobsDriver = 16,
     FieldsDriver = 17,
     HandlesDriver = 18,
@@ -34,9 +36,9 @@ impl Process {
     };
 
     /// Ours, in the order of the data path.
-    pub const ALL: [Process; 6] = {
+    pub const ALL: [Process; 7] = {
         use Process::*;
-        [VirtualRig, FpgaModel, Tracker, Simcore, Renderer, Desk]
+        [VirtualRig, FpgaModel, Tracker, Simcore, Renderer, Desk, Controls]
     };
 
     /// From the wire.
@@ -53,6 +55,7 @@ impl Process {
             Process::Renderer => "renderer",
             Process::Desk => "desk",
             Process::VirtualRig => "virtual-rig",
+            Process::Controls => "controls",
             Process::BlobsDriver => "blobs-driver",
             Process::FieldsDriver => "fields-driver",
             Process::HandlesDriver => "handles-driver",
@@ -82,6 +85,7 @@ impl Process {
             Process::Renderer => "vitreo-renderer",
             Process::Desk => "vitreo-desk",
             Process::VirtualRig => "vitreo-virtual-rig",
+            Process::Controls => "vitreo-controls",
             driver => driver.name(),
         }
     }
@@ -142,7 +146,7 @@ impl Message for Health {
             Process::from_wire(self.process).is_some(),
             "Health",
             "process",
-            "0 to 5, or of a driver 16 to 20",
+            "0 to 6, or of a driver 16 to 20",
             process,
         )?;
         require(self.state <= STATE_FINISHED, "Health", "state", "0 to 3", f64::from(self.state))

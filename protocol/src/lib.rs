@@ -6,8 +6,8 @@
 //! |---|---|---|---|---|
 //! | `fields` | [`fields::FieldHeader`] + pixels | rig or cameras → fpga-model | rig's | every one |
 //! | `blobs` | [`blobs::BlobField`] | fpga-model or rig → tracker, recorder | 3 × 50 Hz | every one |
-//! | `handles` | [`handles::HandleState`] | rig or desk → simcore, recorder | 50 Hz | every one |
-//! | `pedal` | [`handles::PedalState`] | input → simcore, recorder | ≥ 10 Hz | every one |
+//! | `handles` | [`handles::HandleState`] | rig, desk or controls → simcore, recorder | ≥ 50 Hz | every one |
+//! | `pedal` | [`handles::PedalState`] | rig, desk or controls → simcore, recorder | ≥ 10 Hz | every one |
 //! | `poses` | [`poses::TrackerFrame`] | tracker, desk → simcore, renderer | 50 Hz | every one, or newest |
 //! | `matches` | [`matches::MatchFrame`] | tracker → recorder | 50 Hz | every one |
 //! | `scene` | [`scene::SceneHeader`] + sections | simcore → renderer, rig | per step | newest wins |
@@ -35,6 +35,7 @@ pub mod budget;
 pub mod checkpoints;
 pub mod contain;
 pub mod control;
+pub mod controls;
 pub mod deliveries;
 pub mod dose;
 pub mod events;

@@ -59,6 +59,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("desk", &["protocol", "ipc", "rig", "settings", "scene"]),
     ("driver", &["protocol", "ipc"]),
     ("cameras", &["protocol", "ipc", "rig", "scene", "settings", "fpga-model"]),
+    ("controls", &["protocol", "ipc", "outputs", "rig", "settings", "scene"]),
     (
         "launcher",
         &[
@@ -83,8 +84,8 @@ const PROOFS: [&str; 4] = ["validation", "fuzz", "vitreo-tests", "skips"];
 const PURE: [&str; 9] =
     ["protocol", "rig", "scene", "surgeon", "training", "collision", "tissue", "font", "diagnosis"];
 /// Crates of a process: their shell alone knows transport and clock.
-const PROCESSES: [&str; 7] =
-    ["fpga-model", "virtual-rig", "cameras", "tracker", "simcore", "renderer", "desk"];
+const PROCESSES: [&str; 8] =
+    ["fpga-model", "virtual-rig", "cameras", "controls", "tracker", "simcore", "renderer", "desk"];
 /// What a crate must not reach, by whatever way.
 const UNREACHABLE: &[(&str, &[&str])] = &[
     ("tracker", &["mcap", "prost", "image", "surgeon", "scene", "recording"]),
@@ -107,7 +108,7 @@ const OWNERS: &[(&str, &[&str])] = &[
     ("mcap", &["recording"]),
     ("bincode", &["simcore", "tracker"]),
     ("crossterm", &["replay"]),
-    ("evdev", &["desk"]),
+    ("evdev", &["desk", "controls"]),
     ("quick-xml", &["replay"]),
     ("rusqlite", &["results"]),
     ("parquet", &["results"]),

@@ -6,6 +6,7 @@ mod bad_input;
 mod budgets;
 mod causes;
 mod configuration;
+mod controls;
 mod crash;
 mod doctor;
 mod dose;

@@ -229,7 +229,7 @@ fn strike(campaign: &Campaign, watched: &mut Watched, progress: &mut impl FnMut(
     let taken = |p: &Process| match p {
         Process::Renderer => picture,
         Process::FpgaModel => pixels,
-        Process::Desk => false,
+        Process::Desk | Process::Controls => false,
         _ => true,
     };
     let processes: Vec<Process> = Process::ALL.into_iter().filter(taken).collect();

@@ -1,7 +1,7 @@
 //! The command line: one sub-command a module.
 
 use crate::forward::{self, ForwardArgs};
-use crate::programs::{CALIBRATION, CAMERA, RENDERER, REPLAY};
+use crate::programs::{CALIBRATION, CAMERA, CONTROLS, RENDERER, REPLAY};
 use clap::{CommandFactory, Parser, Subcommand};
 use ipc::logging::LogArgs;
 use settings::SettingsArgs;
@@ -47,6 +47,10 @@ pub enum Command {
     Vectors(ForwardArgs),
     /// Find lenses, places of cameras, markers and trocars; check whether they still hold.
     Calibrate(ForwardArgs),
+    /// Show what a foot pedal does, or learn its mapping.
+    Pedal(ForwardArgs),
+    /// Show what the handles send, or calibrate their jaws.
+    Handles(ForwardArgs),
     /// Measure what a part costs on this machine.
     Bench(ForwardArgs),
     /// Judge reports of runs by their latency budgets.
@@ -77,6 +81,8 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Hardware(args) => forward::to(CAMERA, "vitreo", Some("hardware"), &cli.settings, args),
         Command::Vectors(args) => forward::to(CAMERA, "vitreo", Some("vectors"), &cli.settings, args),
         Command::Calibrate(args) => forward::to(CALIBRATION, "vitreo calibrate", None, &cli.settings, args),
+        Command::Pedal(args) => forward::to(CONTROLS, "vitreo", Some("pedal"), &cli.settings, args),
+        Command::Handles(args) => forward::to(CONTROLS, "vitreo", Some("handles"), &cli.settings, args),
         Command::Bench(args) => forward::to(RENDERER, "vitreo", Some("bench"), &cli.settings, args),
         Command::Budgets(args) => crate::budgets::run(args),
         Command::Doctor(args) => crate::doctor::run(args),

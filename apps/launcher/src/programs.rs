@@ -6,6 +6,8 @@ use settings::Program;
 pub const CAMERA: &str = "vitreo-fpga-model";
 /// The binary of cameras whose pictures come through pipes or from files.
 pub const STREAMS: &str = "vitreo-cameras";
+/// The binary of a real pedal and real handles.
+pub const CONTROLS: &str = "vitreo-controls";
 /// The binary of the picture.
 pub const RENDERER: &str = "vitreo-renderer";
 /// The binary of recordings that are run again.
@@ -18,7 +20,7 @@ pub const CALIBRATION: &str = "vitreo-calibration";
 pub const SETTINGS: Program = Program {
     prefix: "",
     without: &["config", "completions", "man"],
-    elsewhere: Some(&["blobs", "colours", "hardware", "vectors", "calibrate", "bench"]),
+    elsewhere: Some(&["blobs", "colours", "hardware", "vectors", "calibrate", "bench", "pedal", "handles"]),
 };
 /// The programs of [`SETTINGS`]' tables elsewhere.
-pub const WITH_SETTINGS: [&str; 3] = [CAMERA, CALIBRATION, RENDERER];
+pub const WITH_SETTINGS: [&str; 4] = [CAMERA, CALIBRATION, RENDERER, CONTROLS];

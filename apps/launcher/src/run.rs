@@ -2,7 +2,7 @@
 //!
 //! - `options`, `arguments`: the command line, and what each process is given of it
 //! - `session`: the loop that receives, supervises, records and shows
-//! - `cameras`: real cameras, and waiting for them
+//! - `cameras`: real cameras, and waiting for them; `controls`: a real pedal and real handles
 //! - `attempt_control`: requests for a pause, a restart or the next level
 //! - `supervisor`, `policy`, `standby`: starting, restarting, bounding restarts
 //! - `channel_tap`, `recorder`, `resume`: what is received, written, and kept for a restarted
@@ -15,6 +15,7 @@ mod arguments;
 mod attempt_control;
 mod cameras;
 mod channel_tap;
+mod controls;
 mod external;
 mod field_trace;
 mod handed_on;
@@ -167,6 +168,8 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
         ),
         ("external", args.real.external.as_ref().map(ToString::to_string)),
         ("cameras", args.real.given().map(ToString::to_string)),
+        ("pedal", args.controls.pedal.as_ref().map(ToString::to_string)),
+        ("handles", args.controls.handles.as_ref().map(ToString::to_string)),
         ("motion", file(&cameras.motion)),
         ("motion-full", cameras.motion_full.then(|| "true".into())),
         ("blobs", file(&cameras.blobs)),

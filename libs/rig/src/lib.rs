@@ -1,10 +1,12 @@
 //! Rig files (`vitreo-rig-1`): cameras, marked bodies, trocars. JSON, unknown keys refused.
 
 pub mod camera;
+pub mod handles;
 mod plausible;
 pub mod region;
 
 use camera::Camera;
+use handles::RigHandle;
 use nalgebra::{Matrix3, Vector2, Vector3};
 use protocol::blobs::Colour;
 use protocol::file::{MAX_SETTINGS_BYTES, looks_like, other_format, other_format_in, read_text};
@@ -98,6 +100,9 @@ pub struct Rig {
     pub eye_opening: EyeOpening,
     /// Where tips can be.
     pub workspace: Workspace,
+    /// Encoders in the handles, where there are any.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub handles: Vec<RigHandle>,
 }
 
 /// A camera; OpenCV conventions.
@@ -275,6 +280,7 @@ impl Rig {
     fn check(&self, path: &str) -> Result<(), RigError> {
         let defect = self.defect().or_else(|| self.defect_of_cameras()).or_else(|| self.defect_of_fields());
         let defect = defect.or_else(|| self.defect_of_bodies()).or_else(|| self.defect_of_lenses());
+        let defect = defect.or_else(|| self.defect_of_handles());
         let Some((field, expected, found)) = defect else { return Ok(()) };
         Err(RigError::Value { path: path.into(), field, expected: expected.into(), found })
     }

@@ -4,6 +4,7 @@
 pub mod arrangement;
 pub mod cameras;
 mod check;
+pub mod controls;
 mod cut;
 mod diff;
 mod drawing;

@@ -2,6 +2,7 @@
 //! takes in whole streams of messages.
 
 mod binary;
+mod controls;
 mod live;
 mod pairs;
 mod state;
@@ -63,8 +64,8 @@ pub struct Target {
 
 /// Every target, in the order in which a campaign tries them.
 pub fn all() -> Vec<Target> {
-    [wire::targets(), text::targets(), live::targets(), binary::targets(), pairs::targets(), state::targets()]
-        .concat()
+    let inputs = [text::targets(), live::targets(), controls::targets(), binary::targets()].concat();
+    [wire::targets(), inputs, pairs::targets(), state::targets()].concat()
 }
 
 /// The target of this name.

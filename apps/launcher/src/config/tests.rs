@@ -34,6 +34,8 @@ fn value_of(command: &clap::Command, arg: &Arg) -> String {
         "\"tracking=1\"",
         "[\"a\", \"b\"]",
         "\"640x480\"",
+        "\"evdev:a\"",
+        "\"serial:a\"",
         "\"0.4,0.5\"",
         "45",
         "\"info\"",

@@ -1,4 +1,4 @@
-//! Cameras and gamepads, and whether this user may use them.
+//! Cameras, gamepads, pedals and serial lines, and whether this user may use them.
 
 use super::Check;
 use rustix::fs::{Access, access};
@@ -11,9 +11,11 @@ const BTN_SOUTH: usize = 0x130;
 
 pub(super) fn checks() -> Vec<Check> {
     let listed = fs::read_to_string("/proc/bus/input/devices").unwrap_or_default();
-    let gamepads = gamepads_of(&listed).into_iter();
-    let gamepads = gamepads
-        .map(|(name, event)| Device::look(Path::new("/dev/input").join(event), name, Access::READ_OK));
+    let look = |(name, event): (String, String)| {
+        Device::look(Path::new("/dev/input").join(event), name, Access::READ_OK)
+    };
+    let [gamepads, pedals] =
+        [gamepads_of(&listed), pedals_of(&listed)].map(|found| found.into_iter().map(look));
     vec![
         judge(
             "cameras",
@@ -24,6 +26,16 @@ pub(super) fn checks() -> Vec<Check> {
             "gamepads",
             "none: mouse and keyboard lead the instruments as well",
             &gamepads.collect::<Vec<_>>(),
+        ),
+        judge(
+            "pedals",
+            "none by its name: vitreo pedal shows any device (docs/controls.md)",
+            &pedals.collect::<Vec<_>>(),
+        ),
+        judge(
+            "serial lines",
+            "none: handles are not connected (docs/handles.md)",
+            &serial_lines(Path::new("/dev")),
         ),
     ]
 }
@@ -77,16 +89,40 @@ fn cameras(dev: &Path, drivers: &Path) -> Vec<Device> {
     names.into_iter().map(look).collect()
 }
 
+/// Serial lines over USB.
+fn serial_lines(dev: &Path) -> Vec<Device> {
+    let entries = fs::read_dir(dev).into_iter().flatten().flatten();
+    let names = entries.map(|e| e.file_name().to_string_lossy().into_owned());
+    let mut names: Vec<String> =
+        names.filter(|n| n.starts_with("ttyUSB") || n.starts_with("ttyACM")).collect();
+    names.sort_by_key(|n| (n.len(), n.clone()));
+    names.into_iter().map(|name| Device::look(dev.join(&name), "serial".into(), Access::READ_OK)).collect()
+}
+
+/// Names and event files of what calls itself a pedal or foot switch.
+fn pedals_of(listed: &str) -> Vec<(String, String)> {
+    devices_of(listed, |name, _| {
+        let name = name.to_lowercase();
+        name.contains("pedal") || name.contains("foot")
+    })
+}
+
 /// Names and event files of the gamepads in `/proc/bus/input/devices`.
 fn gamepads_of(listed: &str) -> Vec<(String, String)> {
+    devices_of(listed, |_, keys| has_key(keys, BTN_SOUTH))
+}
+
+/// Names and event files of those devices in `/proc/bus/input/devices` whose name and keys are `wanted`.
+fn devices_of(listed: &str, wanted: impl Fn(&str, &str) -> bool) -> Vec<(String, String)> {
     let line = |block: &str, key: &str| {
         block.lines().find_map(|l| l.strip_prefix(key).map(|l| l.trim().trim_matches('"').to_owned()))
     };
     let of_block = |block: &str| {
-        let keys = line(block, "B: KEY=")?;
+        let keys = line(block, "B: KEY=").unwrap_or_default();
+        let name = line(block, "N: Name=").unwrap_or_default();
         let handlers = line(block, "H: Handlers=")?;
         let event = handlers.split_whitespace().find(|h| h.starts_with("event"))?.to_owned();
-        has_key(&keys, BTN_SOUTH).then(|| (line(block, "N: Name=").unwrap_or_default(), event))
+        wanted(&name, &keys).then_some((name, event))
     };
     listed.split("\n\n").filter_map(of_block).collect()
 }
@@ -133,6 +169,22 @@ B: KEY=7cdb000000000000 0 0 0 0
     fn a_gamepad_is_told_from_a_keyboard_by_its_buttons() {
         assert_eq!(gamepads_of(LISTED), [("Microsoft X-Box 360 pad".to_owned(), "event7".to_owned())]);
         assert!(gamepads_of("").is_empty() && gamepads_of("N: Name=\n\nB: KEY=zz").is_empty());
+    }
+
+    #[test]
+    fn pedals_are_known_by_their_names_and_serial_lines_by_their_files() {
+        let switch = "N: Name=\"PCsensor FootSwitch Keyboard\"\nH: Handlers=kbd event9\n\nN: Name=\"Rudder Pedals\"\n\
+                      H: Handlers=js1 event11\nB: EV=9\n";
+        let found = pedals_of(&format!("{LISTED}\n{switch}"));
+        let events: Vec<&str> = found.iter().map(|(_, event)| event.as_str()).collect();
+        assert_eq!(events, ["event9", "event11"]);
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["ttyUSB10", "ttyUSB2", "ttyACM0", "tty7", "ttyS0"] {
+            fs::write(folder.path().join(name), "").unwrap();
+        }
+        let lines = serial_lines(folder.path());
+        let names: Vec<_> = lines.iter().map(|l| l.path.file_name().unwrap().to_string_lossy()).collect();
+        assert_eq!(names, ["ttyACM0", "ttyUSB2", "ttyUSB10"]);
     }
 
     #[test]

@@ -1,10 +1,10 @@
 //! What each process is given of a run's options.
 
+use super::controls::left;
 use super::options::{RunArgs, View};
 use protocol::budget::Stage;
 use protocol::file::STDIN;
 use protocol::health::Process;
-use settings::commands::external::External;
 use settings::commands::processes::{Arguments, PictureArgs, VirtualRigArgs};
 use std::path::PathBuf;
 
@@ -39,7 +39,7 @@ impl RunArgs {
             Process::VirtualRig if real => {
                 if let Some(streams) = self.real.streams() {
                     args.value("--cameras", Some(streams));
-                    args.value("--leave", self.real.external.as_ref().and_then(External::controls));
+                    args.value("--leave", left(self));
                     args.value("--duration", remaining_s);
                 }
             }
@@ -47,6 +47,7 @@ impl RunArgs {
             Process::Renderer => self.to_renderer(&mut args, view, restarts),
             Process::Simcore => self.collision.hand_on(&mut args),
             Process::FpgaModel | Process::Tracker => {}
+            Process::Controls => self.controls.hand_on(&mut args),
             _ => self.desk.iter().for_each(|desk| desk.hand_on(&mut args)),
         }
         args.0
@@ -80,9 +81,9 @@ impl RunArgs {
         let is_stdin = |blobs: &PathBuf| blobs.as_os_str() == STDIN;
         let blobs = self.virtual_rig.blobs.clone().map(|blobs| if is_stdin(&blobs) { ours() } else { blobs });
         VirtualRigArgs { fault_log, blobs, ..self.virtual_rig.clone() }.hand_on(args);
+        args.value("--leave", left(self));
         args.value("--duration", remaining_s);
         args.value("--after-round", self.after_round);
-        args.value("--leave", self.real.external.as_ref().and_then(External::controls));
         let late = self.delay_ms(Stage::CameraWait).map(|ms| format!("{LATE_CAMERA}={ms}"));
         args.value("--late-camera", late);
     }

@@ -2,6 +2,7 @@
 
 use super::arguments::{injected_delay, percentile, positive, share};
 use super::cameras;
+use super::controls;
 use super::external;
 use super::field_trace::TraceOutArgs;
 use super::policy::MAX_RESTARTS;
@@ -21,6 +22,7 @@ use results::store::check_name;
 use rig::Rig;
 use settings::blob_source::BlobSource;
 use settings::commands::cameras::{Cameras, Streams};
+use settings::commands::controls::ControlsArgs;
 use settings::commands::external::External;
 use settings::commands::processes::{
     CollisionArgs, DeskArgs, PictureArgs, RigArgs, SceneArgs, VirtualRigArgs,
@@ -65,6 +67,9 @@ pub struct RunArgs {
     /// The real cameras.
     #[command(flatten)]
     pub real: RealCamerasArgs,
+    /// The real pedal and handles.
+    #[command(flatten)]
+    pub controls: ControlsArgs,
     /// The picture.
     #[command(flatten)]
     pub view: ViewArgs,
@@ -375,12 +380,17 @@ impl RunArgs {
         let files = own.into_iter().chain([&picture.fundus.fundus, &picture.instruments]);
         let streams = self.real.streams().into_iter().flat_map(|s| s.0.iter().map(|s| s.path.clone()));
         let desk = self.desk.as_ref().and_then(|d| d.inputs.clone());
+        let pedal = self.controls.pedal.as_ref().map(|pedal| pedal.path.clone());
+        let mapping =
+            self.controls.pedal.as_ref().and_then(|pedal| pedal.mapping.as_deref()).map(PathBuf::from);
+        let handles = self.controls.handles.as_ref().map(|handles| handles.path.clone());
+        let devices = [pedal, mapping, handles].into_iter().flatten();
         // Of these, those that are no files have no place on the disk.
         let names = [&self.scene.scene, &self.training.module, &cameras.faults]
             .into_iter()
             .flatten()
             .map(PathBuf::from);
-        files.flatten().cloned().chain(desk).chain(names).chain(streams)
+        files.flatten().cloned().chain(desk).chain(names).chain(streams).chain(devices)
     }
 
     /// Looks at every file before anything is started: what is read must be there, what is written
@@ -407,6 +417,7 @@ impl RunArgs {
         }
         external::check(self)?;
         cameras::check(&self.real, self.rig.rig.as_deref(), self.virtual_rig.direct)?;
+        controls::check(self)?;
         picture.instruments.as_deref().map_or(Ok(()), |folder| check_folder("--instruments", folder))?;
         let mut outputs = Outputs::new(self.outputs.force.force).reading_all(self.inputs());
         let OutputArgs { record, writing, report, trace, .. } = &self.outputs;

@@ -9,6 +9,7 @@ use super::load::{Load, NO_LOAD};
 use crate::machine::Machine;
 use blob_stream::live::LiveFigures;
 use diagnosis::{TrackingFigures, Warning};
+use protocol::controls::ControlFigures;
 use protocol::deliveries::Delivery;
 use protocol::steps::{StepProfile, StepRecord};
 use serde::Serialize;
@@ -88,6 +89,8 @@ pub struct Report {
     pub recording: Option<RecordingFigures>,
     /// How the pictures of each live camera came, where they came through pipes or from files.
     pub cameras: Vec<Delivery>,
+    /// How a real pedal and real handles did.
+    pub controls: Vec<ControlFigures>,
 }
 
 /// What was run.
@@ -355,6 +358,9 @@ impl Report {
         }
         for delivery in &self.cameras {
             writeln!(out, "{}", delivery.line())?;
+        }
+        for control in &self.controls {
+            writeln!(out, "{}", control.line())?;
         }
         for (i, line) in self.tracking.lines.iter().enumerate() {
             writeln!(out, "{} {line}", if i == 0 { "tracking:" } else { "         " })?;

@@ -245,8 +245,9 @@ impl<'a> Session<'a> {
     /// Starts what receives and waits until it works, so that no process misses the first field.
     async fn start_receivers(&mut self) -> anyhow::Result<()> {
         let picture = (self.view != View::None).then_some(Process::Renderer);
+        let controls = self.args.controls.any().then_some(Process::Controls);
         let trackers = self.args.trackers().iter().copied();
-        for process in picture.into_iter().chain([Process::Simcore]).chain(trackers) {
+        for process in picture.into_iter().chain([Process::Simcore]).chain(controls).chain(trackers) {
             self.supervisor.start(process, None, now())?;
         }
         self.screen.print(&format!("starting {}", self.supervisor.awaited().join(", ")));

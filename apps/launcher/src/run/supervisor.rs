@@ -251,6 +251,18 @@ impl Supervisor {
         })
     }
 
+    /// What a real pedal and real handles say of what is wrong with them.
+    pub fn trouble_of_controls(&self) -> Option<Finding> {
+        let controls = self.slots.iter().find(|s| s.process == Process::Controls)?;
+        let health = controls.health.filter(|h| h.state == STATE_DEGRADED)?;
+        Some(Finding {
+            what: health.text(),
+            cause: "the device, its cable, or what writes into its pipe; the run goes on without it".into(),
+            remedy: "look at it with vitreo pedal or vitreo handles; it is taken up again by itself".into(),
+            subject: "pedal and handles".into(),
+        })
+    }
+
     /// How often a process was restarted.
     pub fn restarts_of(&self, process: Process) -> u32 {
         self.slots.iter().find(|s| s.process == process).map_or(0, |s| s.restarts)

@@ -178,7 +178,7 @@ fn file_kind(bytes: &[u8]) {
 }
 
 /// Command lines that show every option with a value of a form of its own.
-const ARGUMENTS: [&str; 21] = [
+const ARGUMENTS: [&str; 22] = [
     "vitreo run --duration 2.5 --percentile 99.9 --scene peel --picture side-by-side --budgets b.toml",
     "vitreo run --delay tracking=5 --delay camera=3.5 --faults mild,dropped --collision cpu",
     "vitreo play --input mouse --module navigation --level 2 --trainee anna",
@@ -199,6 +199,7 @@ const ARGUMENTS: [&str; 21] = [
     "vitreo-virtual-rig --late-camera 1=20 --duration 3 --after-round 2 --seed 9",
     "vitreo-desk --input gamepad --scene peel",
     "vitreo-cameras --cameras y4m:a,y4m:b?parity=1 --duration 3",
+    "vitreo-controls --pedal evdev:/dev/input/event5,analogue --handles serial:/dev/ttyUSB0?baud=9600",
     "vitreo-renderer --pictures-hz 2 --tier 4 --headless",
 ];
 
@@ -211,6 +212,7 @@ fn arguments(bytes: &[u8]) {
         "vitreo-calibration" => drop(black_box(CalibrateArgs::try_parse_from(&words))),
         "vitreo-virtual-rig" => drop(black_box(virtual_rig::config::Config::try_parse_from(&words))),
         "vitreo-cameras" => drop(black_box(cameras::config::Config::try_parse_from(&words))),
+        "vitreo-controls" => drop(black_box(::controls::config::Config::try_parse_from(&words))),
         "vitreo-desk" => drop(black_box(desk::config::Config::try_parse_from(&words))),
         "vitreo-renderer" => drop(black_box(renderer::config::Config::try_parse_from(&words))),
         _ => drop(black_box(launcher::cli::Cli::try_parse_from(&words))),

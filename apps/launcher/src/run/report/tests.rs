@@ -65,6 +65,7 @@ pub(crate) fn report() -> Report {
         removed: Some(Removed { vitreous_ml: 0.5, vitreous_left_ml: 3.25, ..Removed::default() }),
         recording: None,
         cameras: Vec::new(),
+        controls: Vec::new(),
     }
 }
 

@@ -3,6 +3,7 @@
 use super::{Attempt, Session};
 use crate::children::realtime_allowed;
 use crate::machine::Machine;
+use crate::run::controls;
 use crate::run::monitor::CHANNELS;
 use crate::run::options::{RunArgs, View};
 use crate::run::report::{
@@ -86,6 +87,7 @@ impl Session<'_> {
             removed: self.consumers.monitor.removed,
             recording,
             cameras: self.deliveries(),
+            controls: controls::figures(&self.args, self.instance.directory()),
         };
         let foreign_rig = self.args.real.given().is_some() || self.args.real.driver().is_some();
         let (options, directory) = (&self.args.outputs.trace, self.instance.directory());

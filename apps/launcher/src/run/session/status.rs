@@ -71,6 +71,7 @@ impl Session<'_> {
             say_for_themselves(trouble, &mut found);
         }
         found.extend(self.supervisor.trouble_of_drivers(at));
+        found.extend(self.supervisor.trouble_of_controls());
         let at_s = self.elapsed_s(at);
         for finding in self.consumers.watch.note(at_s, &found) {
             self.warn_of(&finding, at);

@@ -1,0 +1,25 @@
+//! The figures of pedal and handles as a small file in the instance's private directory, for the report.
+
+use protocol::controls::{CONTROLS_FILE, ControlFigures};
+use std::path::{Path, PathBuf};
+
+/// The file.
+pub(super) struct Figures {
+    path: PathBuf,
+    /// A failure was told.
+    told: bool,
+}
+
+impl Figures {
+    pub(super) fn in_directory(directory: &Path) -> Self {
+        Figures { path: directory.join(CONTROLS_FILE), told: false }
+    }
+
+    /// Keeps them, whole or not at all.
+    pub(super) fn keep(&mut self, controls: &[ControlFigures]) {
+        if let (Err(problem), false) = (ipc::write_whole_json(&self.path, &controls), self.told) {
+            self.told = true;
+            tracing::warn!("the figures of pedal and handles cannot be kept: {problem}");
+        }
+    }
+}

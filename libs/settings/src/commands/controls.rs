@@ -1,0 +1,185 @@
+//! Where handles and pedal come from: what `--pedal` and `--handles` say.
+
+use super::processes::Arguments;
+use std::fmt::{self, Display, Formatter};
+use std::path::PathBuf;
+use std::str::FromStr;
+
+/// What a pedal begins with that the kernel has understood.
+const EVDEV: &str = "evdev:";
+/// What a pedal begins with whose reports are taken as they come.
+const HIDRAW: &str = "hidraw:";
+/// What handles begin with.
+const SERIAL: &str = "serial:";
+/// The option of a serial line.
+const BAUD: &str = "?baud=";
+/// Bits a second where nothing is said.
+pub const DEFAULT_BAUD: u32 = 115_200;
+/// Slowest and fastest line that is opened.
+const BAUDS: [u32; 2] = [1_200, 4_000_000];
+
+/// By which door a pedal is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PedalDoor {
+    /// Events of the kernel's input devices, `/dev/input/event*`.
+    Evdev,
+    /// Reports as the device sends them, `/dev/hidraw*`.
+    Hidraw,
+}
+
+/// A foot pedal.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PedalSpec {
+    /// How it is read.
+    pub door: PedalDoor,
+    /// The device; a pipe or a recorded file will do.
+    pub path: PathBuf,
+    /// What its axes and buttons mean: a shipped mapping's name, or a file that ends in .toml.
+    pub mapping: Option<String>,
+}
+
+/// The line on which the handles of both instruments send.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct HandlesSpec {
+    /// The device; a pipe will do.
+    pub path: PathBuf,
+    /// Bits a second.
+    pub baud: u32,
+}
+
+impl PedalDoor {
+    /// As it is written before a path.
+    pub fn prefix(self) -> &'static str {
+        match self {
+            PedalDoor::Evdev => EVDEV,
+            PedalDoor::Hidraw => HIDRAW,
+        }
+    }
+}
+
+impl FromStr for PedalSpec {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let expected = "evdev:/dev/input/eventN[,MAPPING] or hidraw:/dev/hidrawN,MAPPING";
+        let refused = || format!("expected {expected}, found {text:?}");
+        let doors = [PedalDoor::Evdev, PedalDoor::Hidraw];
+        let found = doors.into_iter().find_map(|door| Some((door, text.strip_prefix(door.prefix())?)));
+        let (door, rest) = found.ok_or_else(refused)?;
+        let (path, mapping) = match rest.split_once(',') {
+            None => (rest, None),
+            Some((_, "")) => return Err(refused()),
+            Some((path, mapping)) => (path, Some(mapping.to_owned())),
+        };
+        if path.is_empty() { Err(refused()) } else { Ok(PedalSpec { door, path: path.into(), mapping }) }
+    }
+}
+
+impl FromStr for HandlesSpec {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let refused =
+            || format!("expected serial:/dev/ttyUSB0 or serial:/dev/ttyUSB0?baud=115200, found {text:?}");
+        let rest = text.strip_prefix(SERIAL).ok_or_else(refused)?;
+        let (path, baud) = match rest.split_once('?') {
+            None => (rest, DEFAULT_BAUD),
+            Some((path, _)) => {
+                let baud = rest[path.len()..].strip_prefix(BAUD).and_then(|n| n.parse().ok());
+                let known = baud.filter(|baud| (BAUDS[0]..=BAUDS[1]).contains(baud));
+                let [least, most] = BAUDS;
+                let named =
+                    || format!("expected ?baud=N after the path, N {least} to {most}, found {text:?}");
+                (path, known.ok_or_else(named)?)
+            }
+        };
+        if path.is_empty() { Err(refused()) } else { Ok(HandlesSpec { path: path.into(), baud }) }
+    }
+}
+
+impl Display for PedalSpec {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "{}{}", self.door.prefix(), self.path.display())?;
+        self.mapping.as_ref().map_or(Ok(()), |mapping| write!(f, ",{mapping}"))
+    }
+}
+
+impl Display for HandlesSpec {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "{SERIAL}{}", self.path.display())?;
+        if self.baud == DEFAULT_BAUD { Ok(()) } else { write!(f, "{BAUD}{}", self.baud) }
+    }
+}
+
+/// A real pedal and real handles.
+#[derive(Debug, Clone, Default, clap::Args)]
+#[command(next_help_heading = "Pedal and handles")]
+pub struct ControlsArgs {
+    /// Take the foot pedal from a device: evdev:/dev/input/eventN[,MAPPING] or
+    /// hidraw:/dev/hidrawN,MAPPING; a mapping is a shipped one's name or a file that ends in .toml
+    /// (docs/controls.md). vitreo pedal shows and learns it.
+    #[arg(long, value_name = "evdev:PATH[,MAPPING]|hidraw:PATH,MAPPING")]
+    pub pedal: Option<PedalSpec>,
+    /// Take tools and jaws from encoders in the handles: serial:/dev/ttyUSB0[?baud=115200]; needs a
+    /// rig whose section handles says how far they open (vitreo handles writes it; docs/handles.md).
+    #[arg(long, value_name = "serial:PATH[?baud=N]")]
+    pub handles: Option<HandlesSpec>,
+}
+
+impl ControlsArgs {
+    /// Whether anything comes from a device.
+    pub fn any(&self) -> bool {
+        self.pedal.is_some() || self.handles.is_some()
+    }
+
+    /// Adds the options as the process takes them.
+    pub fn hand_on(&self, to: &mut Arguments) {
+        to.value("--pedal", self.pedal.as_ref());
+        to.value("--handles", self.handles.as_ref());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_form_is_read_as_it_is_written() {
+        for text in [
+            "evdev:/dev/input/event5",
+            "evdev:/dev/input/event5,keyboard-switch",
+            "hidraw:/dev/hidraw0,./a.toml",
+            "hidraw:f",
+        ] {
+            let read: PedalSpec = text.parse().unwrap();
+            assert_eq!(read.to_string(), text);
+        }
+        let read: PedalSpec = "hidraw:/dev/hidraw0,m.toml".parse().unwrap();
+        assert_eq!((read.door, read.mapping.as_deref()), (PedalDoor::Hidraw, Some("m.toml")));
+        for (text, baud) in [("serial:/dev/ttyUSB0", DEFAULT_BAUD), ("serial:a?baud=9600", 9_600)] {
+            let read: HandlesSpec = text.parse().unwrap();
+            assert_eq!((read.baud, read.to_string().as_str()), (baud, text));
+        }
+    }
+
+    #[test]
+    fn slips_are_named() {
+        for text in ["", "evdev:", "hidraw:,m", "evdev:a,", "usb:a", "/dev/input/event1"] {
+            let told = text.parse::<PedalSpec>().unwrap_err();
+            assert!(told.contains("expected evdev:/dev/input/eventN"), "{text:?}: {told}");
+        }
+        for (text, named) in [
+            ("", "expected serial:"),
+            ("serial:", "expected serial:"),
+            ("tcp:3", "expected serial:"),
+            ("serial:a?baud=0", "1200 to 4000000"),
+            ("serial:a?baud=9600.5", "1200 to 4000000"),
+            ("serial:a?speed=9600", "1200 to 4000000"),
+            ("serial:?baud=9600", "expected serial:"),
+        ] {
+            let told = text.parse::<HandlesSpec>().unwrap_err();
+            assert!(told.contains(named), "{text:?}: {told}");
+        }
+    }
+}
