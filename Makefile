@@ -20,8 +20,8 @@ SHARE := $(DESTDIR)$(PREFIX)/share
 # Of drivers: library, headers, and where they are.
 LIBRARIES := $(DESTDIR)$(PREFIX)/lib
 INCLUDE := $(DESTDIR)$(PREFIX)/include
-INSTALLED = $(addprefix $(TARGET)/release/,vitreo vitreo-calibration vitreo-cameras vitreo-controls vitreo-desk \
-	vitreo-fpga-model vitreo-renderer vitreo-replay vitreo-simcore vitreo-tracker vitreo-virtual-rig)
+INSTALLED = $(addprefix $(TARGET)/release/,vitreo vitreo-bridge vitreo-calibration vitreo-cameras vitreo-controls \
+	vitreo-desk vitreo-fpga-model vitreo-renderer vitreo-replay vitreo-simcore vitreo-tracker vitreo-virtual-rig)
 AS_ROOT := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 # sudo where the nearest folder that there is above the place of installation may not be written.
 IN_PREFIX = $(shell at="$(DESTDIR)$(PREFIX)"; until [ -e "$$at" ]; do at=$$(dirname "$$at"); done; \
@@ -139,6 +139,7 @@ test-python: setup setup-python ## Read a fresh recording with Python's mcap
 	@mkdir -p out
 	$(RELEASE) run --no-picture --direct --instance python --duration 4 --force --record out/python.mcap
 	.venv/bin/python tests/python/read_recording.py out/python.mcap
+	.venv/bin/python tests/python/igtl_client.py $(RELEASE) out/igtl.mcap
 
 test-drivers: setup setup-python ## Kill a driver a hundred times during a run, and install and use the Python package (KILLS=1000)
 	cargo build --release --workspace

@@ -60,6 +60,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("driver", &["protocol", "ipc"]),
     ("cameras", &["protocol", "ipc", "rig", "scene", "settings", "fpga-model"]),
     ("controls", &["protocol", "ipc", "outputs", "rig", "settings", "scene"]),
+    ("igtl", &[]),
+    ("bridge", &["protocol", "ipc", "outputs", "settings", "igtl"]),
     (
         "launcher",
         &[
@@ -81,8 +83,8 @@ const ARROWS: &[(&str, &[&str])] = &[
 /// Crates that are in no product: they may depend on everything.
 const PROOFS: [&str; 4] = ["validation", "fuzz", "vitreo-tests", "skips"];
 /// Crates that compute: no transport, no clock, no environment.
-const PURE: [&str; 9] =
-    ["protocol", "rig", "scene", "surgeon", "training", "collision", "tissue", "font", "diagnosis"];
+const PURE: [&str; 10] =
+    ["igtl", "protocol", "rig", "scene", "surgeon", "training", "collision", "tissue", "font", "diagnosis"];
 /// Crates of a process: their shell alone knows transport and clock.
 const PROCESSES: [&str; 8] =
     ["fpga-model", "virtual-rig", "cameras", "controls", "tracker", "simcore", "renderer", "desk"];
@@ -116,7 +118,7 @@ const OWNERS: &[(&str, &[&str])] = &[
     ("openh264", &["renderer"]),
     ("mp4-atom", &["renderer"]),
     ("swash", &["font"]),
-    ("tokio", &["launcher", "replay"]),
+    ("tokio", &["launcher", "replay", "bridge"]),
     ("object_store", &["replay"]),
     ("futures-util", &["replay"]),
 ];

@@ -3,6 +3,7 @@
 mod altered;
 mod architecture;
 mod bad_input;
+mod bridge;
 mod budgets;
 mod causes;
 mod configuration;

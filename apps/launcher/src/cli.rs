@@ -1,11 +1,12 @@
 //! The command line: one sub-command a module.
 
 use crate::forward::{self, ForwardArgs};
-use crate::programs::{CALIBRATION, CAMERA, CONTROLS, RENDERER, REPLAY};
+use crate::programs::{BRIDGE, CALIBRATION, CAMERA, CONTROLS, RENDERER, REPLAY};
 use clap::{CommandFactory, Parser, Subcommand};
 use ipc::logging::LogArgs;
 use settings::SettingsArgs;
 use settings::commands::RecordingCommand;
+use settings::commands::bridge::BridgeCommand;
 use std::process::ExitCode;
 
 /// A real-time simulator for training surgery inside the eye.
@@ -35,6 +36,9 @@ pub enum Command {
     /// Those on recordings.
     #[command(flatten)]
     OnRecording(RecordingCommand),
+    /// To other programs.
+    #[command(flatten)]
+    ToOthers(BridgeCommand),
     /// List the training modules.
     Modules(crate::modules::ModulesArgs),
     /// Find the blobs in pictures and clips.
@@ -75,6 +79,7 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Play(args) => crate::play::run(args),
         Command::Ctl(args) => crate::ctl::run(args),
         Command::OnRecording(_) => forward::whole(REPLAY),
+        Command::ToOthers(_) => forward::whole(BRIDGE),
         Command::Modules(args) => crate::modules::run(args),
         Command::Blobs(args) => forward::to(CAMERA, "vitreo", Some("blobs"), &cli.settings, args),
         Command::Colours(args) => forward::to(CAMERA, "vitreo", Some("colours"), &cli.settings, args),

@@ -12,6 +12,8 @@ pub const CONTROLS: &str = "vitreo-controls";
 pub const RENDERER: &str = "vitreo-renderer";
 /// The binary of recordings that are run again.
 pub const REPLAY: &str = "vitreo-replay";
+/// The binary that hands poses on to other programs.
+pub const BRIDGE: &str = "vitreo-bridge";
 /// The binary of the calibrations.
 pub const CALIBRATION: &str = "vitreo-calibration";
 

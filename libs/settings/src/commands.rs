@@ -2,6 +2,7 @@
 //! that does the work takes them again.
 
 pub mod arrangement;
+pub mod bridge;
 pub mod cameras;
 mod check;
 pub mod controls;

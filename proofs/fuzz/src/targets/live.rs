@@ -1,8 +1,9 @@
-//! Streams of blobs that are read while they are made: bytes of a writer, cut anyhow.
+//! Streams that are read while they are made: bytes of a writer of blobs, or of OpenIGTLink, cut anyhow.
 
 use super::{Kind, Target};
 use crate::corpus;
 use blob_stream::live::{Heard, LiveStream};
+use igtl::{Content, HEADER_BYTES, HeaderVersion, Message as IgtlMessage, Reader};
 use protocol::message::Message;
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -12,9 +13,13 @@ const HEAD: usize = 3;
 /// Longest input that is made, bytes.
 const LONGEST: usize = 8 << 10;
 
-/// The target.
+/// The targets.
 pub fn targets() -> Vec<Target> {
-    vec![Target { name: "blob-live", kind: Kind::Text, run: live, seeds, layout: None, longest: LONGEST }]
+    let target = |name, kind, run, seeds| Target { name, kind, run, seeds, layout: None, longest: LONGEST };
+    vec![
+        target("blob-live", Kind::Text, live, seeds),
+        target("igtl", Kind::Recording, messages, messages_to_begin_with),
+    ]
 }
 
 fn seeds() -> Vec<Vec<u8>> {
@@ -53,4 +58,53 @@ fn live(bytes: &[u8]) {
     let figures = stream.figures();
     let told = figures.fields + figures.bad + figures.doubtful + figures.out_of_order;
     assert_eq!(told, figures.lines, "{figures:?}");
+}
+
+/// A transform and a status, each as both versions write it.
+fn messages_to_begin_with() -> Vec<Vec<u8>> {
+    let status = |code| {
+        let (name, text) = ("Code".into(), "in words".into());
+        Content::Status { code, subcode: -1, name, text }
+    };
+    let contents = [Content::Transform([[1.0, 2.0, 3.0, 4.0]; 3]), status(1)];
+    let versions = [HeaderVersion::One, HeaderVersion::Two];
+    let written = contents.into_iter().flat_map(|content| {
+        let metadata = vec![("Status".into(), "OK".into()), ("Frame".into(), "7".into())];
+        let message = IgtlMessage { device: "Tool".into(), unix_ns: 1, id: 2, metadata, content };
+        versions.map(|version| {
+            let mut bytes = vec![16];
+            message.write(version, &mut bytes).expect("names are short");
+            bytes
+        })
+    });
+    written.collect()
+}
+
+/// What is read can be written, and is read again as it was. The first message is given its true checksum, so
+/// that more than the checksum is tried.
+fn messages(bytes: &[u8]) {
+    let Some((length, bytes)) = bytes.split_first() else { return };
+    let mut bytes = bytes.to_vec();
+    let body_bytes = bytes.get(42..50).map(|size| u64::from_be_bytes(size.try_into().expect("eight")));
+    let end = body_bytes.and_then(|body| usize::try_from(body).ok()?.checked_add(HEADER_BYTES));
+    if let Some(body) = end.and_then(|end| bytes.get(HEADER_BYTES..end)) {
+        let crc = igtl::checksum(body);
+        bytes[50..58].copy_from_slice(&crc.to_be_bytes());
+    }
+    let mut reader = Reader::default();
+    for piece in bytes.chunks(1 + usize::from(*length)) {
+        let heard = reader.take(piece, |message| {
+            let Ok(message) = message else { return };
+            let mut again = Vec::new();
+            // A text that was no UTF-8 may have become longer.
+            if message.write(HeaderVersion::Two, &mut again).is_ok() {
+                let mut same = None;
+                Reader::default().take(&again, |read| same = Some(read)).expect("our own");
+                assert_eq!(same, Some(Ok(message)));
+            }
+        });
+        if heard.is_err() {
+            return;
+        }
+    }
 }
