@@ -23,13 +23,13 @@ fn live() -> Vec<FieldPicture> {
     let rig = Rig::load_or_shipped(None).expect("the shipped rig");
     let scene = SceneFile::load(DEFAULT_SCENE).expect("the default scene");
     let mut source = MotionSource::new(&scene, &rig, None, 1);
-    let (markers, painter) = (Markers::of(&rig), Painter::new(rig.frame, 1));
+    let (markers, painter) = (Markers::of(&rig), Painter::new(rig.cameras()[0].size_px, 1));
     let mut seen = Markers::list();
     let mut all = Vec::new();
     for number in 0..8 {
         let motion = source.at(number * 320_000_000);
         for camera in rig.cameras() {
-            let mut picture = FieldPicture::new(rig.frame);
+            let mut picture = FieldPicture::new(rig.cameras()[0].size_px);
             markers.project(&camera, &motion, &mut seen);
             painter.draw(&seen, camera.id, number, &mut picture);
             all.push(picture);

@@ -4,24 +4,27 @@
 //! Blobs leave when the last one is complete, not before the region has passed; that instant is
 //! counted in pixel clocks from the first line.
 
+use crate::pixels;
 use crate::scan::limits::{CAMERA, DIVIDER_CLOCKS, LINE_CLOCKS};
 use crate::scan::{Found, Scanner, Settings};
 use protocol::blobs::BlobField;
-use protocol::fields::{FieldHeader, FieldPicture};
+use protocol::fields::{FORMAT_YCBCR_422, FieldHeader, FieldPicture};
 use protocol::time::Nanos;
 use rig::Rig;
 use rig::camera::Camera;
-use rig::camera::SensorError;
 use rig::region;
+use rig::sensor::{Sensor, SensorError};
 
 /// The extractor of one camera.
 pub struct CameraExtractor {
-    camera: u32,
+    sensor: Sensor,
     /// Pixels a line, lines of a field.
     size_px: [usize; 2],
     /// Lines that are read.
     lines: usize,
     scanner: Scanner,
+    /// Where fields of another format become planes.
+    planes: Option<FieldPicture>,
 }
 
 impl CameraExtractor {
@@ -30,15 +33,48 @@ impl CameraExtractor {
     /// # Errors
     /// Where a side of the sensor is out of range.
     pub fn new(rig: &Rig, camera: &Camera) -> Result<Self, SensorError> {
-        let [width, height] = camera.field_size()?;
-        let scanner = Scanner::new(Settings::for_sensor(width, height), width, height);
+        let sensor = rig.sensor(camera.id);
+        let [width, height] = sensor.field_size()?;
+        let frame_lines = sensor.lines_per_row() as u8;
+        let settings = Settings { frame_lines, ..Settings::for_sensor(width, height) };
+        let scanner = Scanner::new(settings, width, height);
         let lines = region::lines(rig, camera);
-        Ok(CameraExtractor { camera: camera.id, size_px: [width, height], lines, scanner })
+        Ok(CameraExtractor { sensor, size_px: [width, height], lines, scanner, planes: None })
     }
 
-    /// True for a field of this camera's sensor.
+    /// True for a field of this camera's sensor, in its format or in planes.
     pub fn takes(&self, header: &FieldHeader) -> bool {
-        header.camera == self.camera && self.size_px == [header.width as usize, header.height as usize]
+        let sized = self.size_px == [header.width as usize, header.height as usize];
+        let format = [FORMAT_YCBCR_422, self.sensor.format as u32].contains(&header.format);
+        header.camera == self.sensor.camera && sized && format && self.sensor.has_parity(header.parity)
+    }
+
+    /// As [`CameraExtractor::extract`], of the payload of a block in any format; `None` where it is shorter than its
+    /// header says.
+    pub fn extract_payload(
+        &mut self,
+        header: &FieldHeader,
+        payload: &[u8],
+        out: &mut BlobField,
+    ) -> Option<Nanos> {
+        if pixels::is_planar(header) {
+            return Some(self.extract(header, &FieldPicture::in_payload(header, payload)?, out));
+        }
+        let mut planes = self.planes.take().unwrap_or_else(|| FieldPicture::of_size(self.size_px));
+        let lines = pixels::decode(header, payload, &mut planes);
+        let due_ns = lines.map(|lines| {
+            let FieldPicture { width, luma, blue, red, .. } = &planes;
+            let read = FieldPicture {
+                width: *width,
+                height: lines,
+                luma: &luma[..],
+                blue: &blue[..],
+                red: &red[..],
+            };
+            self.extract(header, &read, out)
+        });
+        self.planes = Some(planes);
+        due_ns
     }
 
     /// Fills `out` with the blobs of a field, but for the instant at which they leave; returns that
@@ -82,7 +118,6 @@ fn end_clock(lines: usize) -> u64 {
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
-    use protocol::fields::FORMAT_YCBCR_422;
     use scene::{DEFAULT_SCENE, SceneFile};
     use surgeon::motion::MotionSource;
     use virtual_rig::cameras::{Cameras, Path};

@@ -12,6 +12,7 @@ pub mod commands;
 pub mod config;
 pub mod hardware;
 pub mod input;
+pub mod pixels;
 pub mod process;
 pub mod scan;
 pub mod vectors;

@@ -14,9 +14,9 @@ use ipc::outbox::Outbox;
 use ipc::shell::{Served, Shell, Work};
 use ipc::trace::About;
 use ipc::{BlockReceiver, BlockSample, Instance, Sender};
-use protocol::blobs::BlobField;
+use protocol::blobs::{BlobField, WHOLE_FRAME};
 use protocol::control::Command;
-use protocol::fields::{FieldHeader, FieldPicture};
+use protocol::fields::{FieldHeader, PixelFormat};
 use protocol::health::{Process, STATE_DEGRADED};
 use protocol::limits::MAX_CAMERAS;
 use protocol::phases::Phase;
@@ -88,8 +88,9 @@ impl FpgaModelShell {
     fn take(&mut self, sample: &BlockSample<FieldHeader>) -> Result<()> {
         let header = sample.header();
         let extractor = self.extractors.iter_mut().find(|p| p.takes(header));
-        let picture = FieldPicture::in_payload(header, sample.payload());
-        let Some((extractor, picture)) = extractor.zip(picture) else { return self.refuse(header) };
+        let Some(extractor) = extractor.filter(|_| sample.payload().len() >= header.bytes()) else {
+            return self.refuse(header);
+        };
         let newest = &mut self.newest[header.camera as usize];
         if header.field < *newest {
             // The source has restarted: its former fields are void.
@@ -98,7 +99,10 @@ impl FpgaModelShell {
         *newest = header.field;
         let begun = self.shell.trace.begin();
         let mut field = BlobField::zeroed();
-        let due_ns = extractor.extract(header, &picture, &mut field) + self.shell.delay_ns();
+        let extracted = extractor.extract_payload(header, sample.payload(), &mut field);
+        let Some(due_ns) = extracted.map(|due_ns| due_ns + self.shell.delay_ns()) else {
+            return self.refuse(header);
+        };
         if !self.outbox.put(due_ns, &field) {
             tracing::debug!(field = field.field, camera = field.camera, "no room for the blobs of a field");
             self.no_room += 1;
@@ -109,12 +113,15 @@ impl FpgaModelShell {
 
     /// Counts a field that fits no camera of the rig, and reports the first in the heartbeat.
     fn refuse(&mut self, header: &FieldHeader) -> Result<()> {
-        let FieldHeader { field, camera, width, height, .. } = header;
-        tracing::debug!(field, camera, width, height, "a field of no camera of the rig");
+        let FieldHeader { field, camera, width, height, parity, format, .. } = header;
+        tracing::debug!(field, camera, width, height, parity, format, "a field of no camera of the rig");
         self.foreign += 1;
         if self.foreign == 1 {
             self.shell.report.state = STATE_DEGRADED;
-            self.shell.set_text(&format!("no camera {camera} with fields of {width}×{height} px in the rig"));
+            let what = if *parity == WHOLE_FRAME { "whole frames" } else { "fields" };
+            let format = PixelFormat::from_wire(*format).map_or("unknown", PixelFormat::name);
+            let text = format!("no camera {camera} with {what} of {width}×{height} px ({format}) in the rig");
+            self.shell.set_text(&text);
             self.shell.beat_now(now())?;
         }
         Ok(())

@@ -72,6 +72,20 @@ pub const BLOB_CLIPPED: u32 = 2;
 /// The blob holds saturated pixels.
 pub const BLOB_SATURATED: u32 = 4;
 
+/// The parity of a field that is a whole frame, of a camera that is not interlaced.
+pub const WHOLE_FRAME: u32 = 2;
+
+/// Line of the frame of a line of a field of `parity`, px: `2 * y_field + parity`, or the same line of a
+/// [`WHOLE_FRAME`].
+pub fn frame_line(y_field_px: f64, parity: u32) -> f64 {
+    if parity == WHOLE_FRAME { y_field_px } else { 2.0 * y_field_px + f64::from(parity) }
+}
+
+/// Line of a field of `parity` of a line of the frame, px: the inverse of [`frame_line`].
+pub fn field_line(y_frame_px: f64, parity: u32) -> f64 {
+    if parity == WHOLE_FRAME { y_frame_px } else { (y_frame_px - f64::from(parity)) / 2.0 }
+}
+
 /// The variance assumed where a stream gives none, px² of the frame (0.05 px, σ²).
 pub const DEFAULT_VARIANCE_PX2: f64 = 0.0025;
 
@@ -82,7 +96,7 @@ pub struct Blob {
     /// Centre, px; column in the frame.
     #[wire(tag = 1)]
     pub x_px: f64,
-    /// Centre, px; **line of the field** (`y_frame = 2 * y_field + parity`).
+    /// Centre, px; **line of the field** ([`frame_line`]).
     #[wire(tag = 2)]
     pub y_field_px: f64,
     /// Area, px of the field.
@@ -130,7 +144,7 @@ pub struct BlobField {
     /// Camera id of the rig.
     #[wire(tag = 5)]
     pub camera: u32,
-    /// 0: even lines, 1: odd lines.
+    /// 0: even lines, 1: odd lines, 2: all lines ([`WHOLE_FRAME`]).
     #[wire(tag = 6)]
     pub parity: u32,
     /// Blobs in use.
@@ -161,7 +175,13 @@ impl BlobField {
 
     /// Line of the frame of a blob of this field, px.
     pub fn y_frame_px(&self, blob: &Blob) -> f64 {
-        2.0 * blob.y_field_px + f64::from(self.parity)
+        frame_line(blob.y_field_px, self.parity)
+    }
+
+    /// Area of a blob of this field as a field of every second line would have it, px: half of that in a
+    /// whole frame. Areas are compared in these.
+    pub fn area_of_half_px(&self, blob: &Blob) -> f64 {
+        if self.parity == WHOLE_FRAME { 0.5 * blob.area_px } else { blob.area_px }
     }
 }
 
@@ -173,7 +193,7 @@ impl Message for BlobField {
     fn validate(&self) -> Result<(), Invalid> {
         let check = |holds, field, expected, found| require(holds, "BlobField", field, expected, found);
         check(self.count as usize <= MAX_BLOBS, "count", "at most 64", f64::from(self.count))?;
-        check(self.parity <= 1, "parity", "0 or 1", f64::from(self.parity))?;
+        check(self.parity <= WHOLE_FRAME, "parity", "0 or 1, or 2 of a whole frame", f64::from(self.parity))?;
         check(self.exposed_ns > 0, "exposed_ns", "an instant", 0.0)?;
         for blob in self.blobs() {
             let n = [blob.x_px, blob.y_field_px, blob.area_px, blob.width_px, blob.height_px];
@@ -188,3 +208,23 @@ impl Message for BlobField {
 }
 
 const _: () = assert!(size_of::<Blob>() == 72 && size_of::<BlobField>() == 48 + 72 * MAX_BLOBS);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_of_fields_and_of_whole_frames_come_back() {
+        assert_eq!([0, 1, WHOLE_FRAME].map(|parity| frame_line(10.25, parity)), [20.5, 21.5, 10.25]);
+        for parity in [0, 1, WHOLE_FRAME] {
+            assert_eq!(field_line(frame_line(7.5, parity), parity), 7.5);
+            let blob = Blob { area_px: 8.0, y_field_px: 3.0, colour: 1, ..Blob::zeroed() };
+            let mut field = BlobField { parity, exposed_ns: 1, ..BlobField::zeroed() };
+            field.push(blob);
+            assert!(field.validate().is_ok());
+            assert_eq!(field.area_of_half_px(&blob), if parity == 2 { 4.0 } else { 8.0 });
+        }
+        let odd = BlobField { parity: 3, exposed_ns: 1, ..BlobField::zeroed() };
+        assert_eq!(odd.validate().unwrap_err().field, "parity");
+    }
+}

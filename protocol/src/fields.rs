@@ -1,10 +1,12 @@
 //! `fields`: the pixels of one camera-field, written by its source straight into shared memory.
 //!
-//! A block has the [`FieldHeader`] as its header and the planes of YCbCr 4:2:2 as its payload: all
-//! of Y, then all of Cb, then all of Cr, 8 bits a sample in the studio range of ITU-R BT.601. A
+//! A block has the [`FieldHeader`] as its header and the pixels as its payload, 8 bits a sample. Those of a
+//! camera that gives YUYV are planes of YCbCr 4:2:2 in the studio range of ITU-R BT.601: all of Y, then all of
+//! Cb, then all of Cr. The others are as their sensor gives them, line after line ([`PixelFormat`]). A
 //! source that knows the lines in which markers can appear (`region` of crate `rig`) may leave the lines
 //! below them out.
 
+use crate::blobs::WHOLE_FRAME;
 use crate::limits::MAX_CAMERAS;
 use crate::message::{Invalid, Message, require};
 use crate::time::Nanos;
@@ -18,8 +20,86 @@ pub const DARK: u8 = 30;
 const NEUTRAL: u8 = 128;
 /// Sides that a sensor may have, px.
 pub const SENSOR_PX: std::ops::RangeInclusive<u32> = 16..=8192;
-/// The one pixel format: planes of YCbCr 4:2:2, 8 bits a sample.
-pub const FORMAT_YCBCR_422: u32 = 1;
+/// Planes of YCbCr 4:2:2, 8 bits a sample: [`PixelFormat::Yuyv`] on the wire.
+pub const FORMAT_YCBCR_422: u32 = PixelFormat::Yuyv as u32;
+
+/// How a camera gives its pixels. Names are those of V4L2 (`YUYV`) and GenICam (the others).
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[repr(u32)]
+pub enum PixelFormat {
+    /// YCbCr 4:2:2, in planes.
+    #[default]
+    #[serde(rename = "YUYV")]
+    Yuyv = 1,
+    /// Brightness alone, 0 to 255: no colours.
+    Y8 = 2,
+    /// Red, green, blue of a pixel, then of the next, 0 to 255.
+    #[serde(rename = "RGB8")]
+    Rgb8 = 3,
+    /// One sample a pixel behind a mosaic of filters; the first line begins red, green.
+    #[serde(rename = "BayerRG8")]
+    BayerRg8 = 4,
+    /// The first line begins blue, green.
+    #[serde(rename = "BayerBG8")]
+    BayerBg8 = 5,
+    /// The first line begins green, red.
+    #[serde(rename = "BayerGR8")]
+    BayerGr8 = 6,
+    /// The first line begins green, blue.
+    #[serde(rename = "BayerGB8")]
+    BayerGb8 = 7,
+}
+
+impl PixelFormat {
+    /// Every format.
+    pub const ALL: [PixelFormat; 7] = {
+        use PixelFormat::*;
+        [Yuyv, Y8, Rgb8, BayerRg8, BayerBg8, BayerGr8, BayerGb8]
+    };
+
+    /// From the wire.
+    pub fn from_wire(code: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|&f| f as u32 == code)
+    }
+
+    /// Name as in rig files.
+    pub fn name(self) -> &'static str {
+        match self {
+            PixelFormat::Yuyv => "YUYV",
+            PixelFormat::Y8 => "Y8",
+            PixelFormat::Rgb8 => "RGB8",
+            PixelFormat::BayerRg8 => "BayerRG8",
+            PixelFormat::BayerBg8 => "BayerBG8",
+            PixelFormat::BayerGr8 => "BayerGR8",
+            PixelFormat::BayerGb8 => "BayerGB8",
+        }
+    }
+
+    /// Bytes of a payload of `width` × `lines` pixels.
+    pub const fn bytes(self, width: usize, lines: usize) -> usize {
+        match self {
+            PixelFormat::Yuyv => 2 * width * lines,
+            PixelFormat::Rgb8 => 3 * width * lines,
+            _ => width * lines,
+        }
+    }
+
+    /// Column and line of the first red filter of a mosaic; `None` of a format without one.
+    pub fn first_red(self) -> Option<[usize; 2]> {
+        match self {
+            PixelFormat::BayerRg8 => Some([0, 0]),
+            PixelFormat::BayerGr8 => Some([1, 0]),
+            PixelFormat::BayerGb8 => Some([0, 1]),
+            PixelFormat::BayerBg8 => Some([1, 1]),
+            _ => None,
+        }
+    }
+
+    /// False of brightness alone.
+    pub fn has_colour(self) -> bool {
+        self != PixelFormat::Y8
+    }
+}
 
 /// What a field is and when it was taken.
 #[repr(C)]
@@ -35,9 +115,9 @@ pub struct FieldHeader {
     pub line_period_ns: u64,
     /// Camera id of the rig.
     pub camera: u32,
-    /// 0: even lines, 1: odd lines.
+    /// 0: even lines, 1: odd lines, 2: all lines ([`WHOLE_FRAME`]).
     pub parity: u32,
-    /// [`FORMAT_YCBCR_422`].
+    /// [`PixelFormat`] on the wire.
     pub format: u32,
     /// Pixels a line; even.
     pub width: u32,
@@ -50,7 +130,8 @@ pub struct FieldHeader {
 impl FieldHeader {
     /// Bytes of the payload.
     pub fn bytes(&self) -> usize {
-        FieldPicture::bytes(self.width as usize, self.lines as usize)
+        let format = PixelFormat::from_wire(self.format).unwrap_or_default();
+        format.bytes(self.width as usize, self.lines as usize)
     }
 
     /// When the last line has left the sensor.
@@ -69,8 +150,10 @@ impl Message for FieldHeader {
             require(holds, "FieldHeader", field, expected, f64::from(found))
         };
         check((self.camera as usize) < MAX_CAMERAS, "camera", "0 to 7", self.camera)?;
-        check(self.parity <= 1, "parity", "0 or 1", self.parity)?;
-        check(self.format == FORMAT_YCBCR_422, "format", "1 (YCbCr 4:2:2)", self.format)?;
+        let whole = self.parity <= WHOLE_FRAME;
+        check(whole, "parity", "0 or 1, or 2 of a whole frame", self.parity)?;
+        let known = PixelFormat::from_wire(self.format).is_some();
+        check(known, "format", "1 (YCbCr 4:2:2) to 7", self.format)?;
         let sensor = |n: u32| (1..=*SENSOR_PX.end()).contains(&n);
         check(sensor(self.width) && self.width.is_multiple_of(2), "width", "even, 2 to 8192", self.width)?;
         check(sensor(self.height), "height", "1 to 8192", self.height)?;
@@ -96,9 +179,13 @@ pub struct FieldPicture<B = Vec<u8>> {
 }
 
 impl FieldPicture {
-    /// A black field for frames of `frame_px`; an odd width loses its last column.
+    /// A black field for interlaced frames of `frame_px`; an odd width loses its last column.
     pub fn new(frame_px: [u32; 2]) -> Self {
-        let (width, height) = (frame_px[0] as usize & !1, frame_px[1] as usize / 2);
+        Self::of_size([frame_px[0] as usize & !1, frame_px[1] as usize / 2])
+    }
+
+    /// A black field of this many pixels a line (even) and lines.
+    pub fn of_size([width, height]: [usize; 2]) -> Self {
         let chroma = vec![NEUTRAL; width / 2 * height];
         FieldPicture { width, height, luma: vec![DARK; width * height], blue: chroma.clone(), red: chroma }
     }
@@ -110,10 +197,12 @@ impl FieldPicture {
 }
 
 impl<'a> FieldPicture<&'a [u8]> {
-    /// The planes in the payload of a block; `None` if it is shorter than its header says.
+    /// The planes in the payload of a block; `None` if it is shorter than its header says, or of another
+    /// format.
     pub fn in_payload(header: &FieldHeader, payload: &'a [u8]) -> Option<Self> {
         let (width, height) = (header.width as usize, header.lines as usize);
-        let payload = payload.get(..FieldPicture::bytes(width, height))?;
+        let planes = header.format == FORMAT_YCBCR_422;
+        let payload = payload.get(..FieldPicture::bytes(width, height)).filter(|_| planes)?;
         let (luma, chroma) = payload.split_at(width * height);
         let (blue, red) = chroma.split_at(chroma.len() / 2);
         Some(FieldPicture { width, height, luma, blue, red })
@@ -204,12 +293,27 @@ mod tests {
     }
 
     #[test]
+    fn every_format_has_its_bytes_and_name() {
+        let expected = [64, 32, 96, 32, 32, 32, 32];
+        for (format, bytes) in PixelFormat::ALL.into_iter().zip(expected) {
+            let header = FieldHeader { format: format as u32, ..header() };
+            assert!(header.validate().is_ok() && header.bytes() == bytes, "{format:?}");
+            assert_eq!(serde_json::to_string(&format).unwrap(), format!("\"{}\"", format.name()));
+            let planes = FieldPicture::in_payload(&header, &[0; 96]).is_some();
+            assert_eq!(planes, format == PixelFormat::Yuyv);
+        }
+        let whole = FieldHeader { parity: WHOLE_FRAME, ..header() };
+        assert!(whole.validate().is_ok());
+    }
+
+    #[test]
     fn odd_headers_are_refused_by_name() {
         assert!(header().validate().is_ok());
         for (header, field) in [
             (FieldHeader { camera: 8, ..header() }, "camera"),
-            (FieldHeader { parity: 2, ..header() }, "parity"),
+            (FieldHeader { parity: 3, ..header() }, "parity"),
             (FieldHeader { format: 0, ..header() }, "format"),
+            (FieldHeader { format: 8, ..header() }, "format"),
             (FieldHeader { width: 7, ..header() }, "width"),
             (FieldHeader { height: 8193, ..header() }, "height"),
             (FieldHeader { lines: 7, ..header() }, "lines"),

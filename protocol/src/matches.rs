@@ -1,6 +1,7 @@
 //! `matches`: which blob the tracker took for which marker, with what residual, and why it used none of
 //! the others.
 
+use crate::blobs::WHOLE_FRAME;
 use crate::limits::{BODIES, MAX_BLOBS, MAX_FIELDS_USED, MAX_MARKERS};
 use crate::message::{Invalid, Message, require};
 use crate::time::Nanos;
@@ -301,7 +302,12 @@ impl MatchedField {
         let [blobs, missed] = [self.blob_count, self.missed_count];
         check(blobs as usize <= MAX_BLOBS, "fields.blob_count", "at most 64", f64::from(blobs))?;
         check(missed as usize <= ALL_MARKERS, "fields.missed_count", "at most 48", f64::from(missed))?;
-        check(self.parity <= 1, "fields.parity", "0 or 1", f64::from(self.parity))?;
+        check(
+            self.parity <= WHOLE_FRAME,
+            "fields.parity",
+            "0 or 1, or 2 of a whole frame",
+            f64::from(self.parity),
+        )?;
         for b in self.blobs() {
             let known = BlobUse::from_wire(b.outcome).is_some();
             check(known, "fields.blobs.outcome", "0 to 12", f64::from(b.outcome))?;

@@ -34,7 +34,7 @@ fn painted() -> Vec<[FieldPicture; 2]> {
         let header = exposure.header();
         let mut payload = vec![0; header.bytes()];
         exposure.paint(&mut payload);
-        let mut whole = FieldPicture::new(rig.frame);
+        let mut whole = FieldPicture::new(rig.cameras()[0].size_px);
         whole.blank_lines(0..whole.height, DARK);
         whole.copy_lines(
             0..header.lines as usize,

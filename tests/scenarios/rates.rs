@@ -37,7 +37,7 @@ fn a_rig_of_200_hz_runs_with_poses_steps_and_pictures_and_its_recording_verifies
     let view = if renderer::gpu::Gpu::headless().is_ok() { "--headless" } else { "--no-picture" };
     let file = repository().join("assets/rig-200hz.json");
     let rig = Rig::load(&file).expect("the shipped rig");
-    assert_eq!((rig.field_period_ns(), rig.line_ns * u64::from(rig.frame[1] / 2)), (5_000_000, 3_000_000));
+    assert_eq!((rig.field_period_ns(), rig.sensors()[0].lines_ns()), (5_000_000, 3_000_000));
     let folder = tempfile::tempdir().expect("folder");
     let (report, record) = run(folder.path(), &file, view);
     let budget = report["stages"].as_array().expect("stages").iter().find(|s| s["stage"] == "simulation");

@@ -19,12 +19,13 @@ mod refusal;
 pub use refusal::Refusal;
 
 use crate::tracker::Reference;
-use protocol::blobs::BlobField;
+use protocol::blobs::{BlobField, WHOLE_FRAME};
 use protocol::limits::{CAMERA_WAIT_NS, MAX_CAMERAS, MAX_FIELDS_USED};
 use protocol::message::Message;
 use protocol::poses::ClosedBy;
 use protocol::time::Nanos;
 use rig::Rig;
+use rig::sensor::Scan;
 
 /// Exposures of genlocked cameras differ by less than this (ε), ns.
 const GENLOCK_NS: u64 = 500_000;
@@ -38,6 +39,7 @@ const CLOCK_SET_BACK_NS: u64 = 500_000_000;
 #[derive(Debug, Clone, Copy, Default)]
 struct CameraState {
     in_rig: bool,
+    scan: Scan,
     last_exposed_ns: Nanos,
     last_field: u64,
     last_arrival_ns: Nanos,
@@ -81,9 +83,9 @@ impl FrameAssembler {
     /// For a checked rig.
     pub fn new(rig: &Rig) -> Self {
         let mut cameras = [CameraState::default(); MAX_CAMERAS];
-        for camera in &rig.cameras {
-            if let Some(state) = cameras.get_mut(camera.id as usize) {
-                state.in_rig = true;
+        for sensor in rig.sensors() {
+            if let Some(state) = cameras.get_mut(sensor.camera as usize) {
+                (state.in_rig, state.scan) = (true, sensor.scan);
             }
         }
         FrameAssembler {
@@ -100,7 +102,7 @@ impl FrameAssembler {
     /// Forgets everything but the rig.
     pub fn reset(&mut self) {
         for camera in &mut self.cameras {
-            *camera = CameraState { in_rig: camera.in_rig, ..CameraState::default() };
+            *camera = CameraState { in_rig: camera.in_rig, scan: camera.scan, ..CameraState::default() };
         }
         self.pending.clear();
         self.used.clear();
@@ -178,6 +180,10 @@ impl FrameAssembler {
         };
         if field.validate().is_err() {
             return Err(Refusal::Invalid);
+        }
+        if (field.parity == WHOLE_FRAME) != (camera.scan == Scan::Progressive) {
+            let scan = camera.scan.name();
+            return Err(Refusal::OtherScan { camera: id, parity: field.parity, scan });
         }
         if field.exposed_ns > now {
             return Err(Refusal::FromTheFuture(id));

@@ -17,7 +17,7 @@ pub struct BlobObservation {
     pub pixel: Vector2<f64>,
     /// Covariance of the centre, px².
     pub covariance: Matrix2<f64>,
-    /// Area, px of the field.
+    /// Area, px of a field of every second line.
     pub area_px: f64,
     /// Width of its box, px.
     pub width_px: f64,
@@ -138,6 +138,8 @@ fn observe_blob(blob: &Blob, field: &BlobField, camera: &Camera, tuning: &Tuning
     let [w, h] = camera.size_px.map(f64::from);
     let inside =
         (-BORDER_PX..w + BORDER_PX).contains(&pixel.x) && (-BORDER_PX..h + BORDER_PX).contains(&pixel.y);
+    // Sizes are those of a field of every second line, whatever the camera.
+    let blob = &Blob { area_px: field.area_of_half_px(blob), ..*blob };
     let sized = blob.area_px > 0.0 && blob.area_px.is_finite() && blob.width_px.is_finite();
     if !(inside && sized) {
         return None;

@@ -21,6 +21,7 @@ use protocol::fields::{FieldHeader, FieldPicture};
 use protocol::health::{Process, STATE_DEGRADED, STATE_FINISHED, STATE_RUNNING, STATE_STARTING};
 use protocol::time::Nanos;
 use rig::Rig;
+use rig::sensor::Sensor;
 use std::fmt::Write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -99,7 +100,10 @@ impl LiveCameras {
         let figures = Figures::in_directory(instance.directory());
         let period_ns = rig.field_period_ns();
         let begun = figures.predecessor().map(|left| left.start_ns);
-        let bytes = FieldPicture::bytes(rig.frame[0] as usize, rig.frame[1] as usize / 2);
+        let sensors = rig.sensors();
+        let bytes = |s: &Sensor| FieldPicture::bytes(s.size_px[0] as usize, s.lines() as usize);
+        let bytes = sensors.iter().map(bytes).max().unwrap_or(0);
+        let slowest_ns = sensors.iter().map(Sensor::read_out_ns).max().unwrap_or(0);
         Ok(LiveCameras {
             shell,
             fields: instance.block_sender(bytes)?,
@@ -109,9 +113,8 @@ impl LiveCameras {
             timing: Clock {
                 start_ns: begun.unwrap_or(0),
                 period_ns,
-                exposed_before_ns: rig.read_out_ns(),
-                lines_ns: rig.line_ns * u64::from(rig.frame[1] / 2),
-                patience_ns: patience_ns(period_ns, rig.read_out_ns(), camera_budget_ns()),
+                lines_ns: sensors.iter().map(Sensor::lines_ns).max().unwrap_or(0),
+                patience_ns: patience_ns(period_ns, slowest_ns, camera_budget_ns()),
             },
             has_begun: begun.is_some(),
             duration_ns: None,

@@ -8,6 +8,7 @@ use anyhow::{Result, bail, ensure};
 use fpga_model::colours::convert::BLACK;
 use fpga_model::input::y4m::{Clip, Head};
 use fpga_model::input::{Interlace, Picture};
+use rig::sensor::Scan;
 use std::io::BufRead;
 
 /// A picture is black where no sample is brighter than black by this, grey levels: as bright as the
@@ -23,6 +24,8 @@ const SAME_RATE: f64 = 0.01;
 pub struct Expected {
     /// Width and height of its frames, px.
     pub frame_px: [u32; 2],
+    /// Whether its fields are whole frames.
+    pub scan: Scan,
     /// Fields a second.
     pub field_hz: f64,
     /// A parity was given, which interlaced pictures have themselves.
@@ -35,6 +38,20 @@ impl Expected {
         let [width, height] = self.frame_px.map(|n| n as usize);
         let found = [head.width, head.height];
         let interlaced = head.interlace != Interlace::Progressive;
+        if self.scan == Scan::Progressive {
+            ensure!(
+                !interlaced && found == [width, height],
+                "brings {} of {}×{} px; the rig wants whole frames of {width}×{height} px (Ip), for its scan is \
+                 progressive",
+                if interlaced { "interlaced frames" } else { "pictures" },
+                found[0],
+                found[1]
+            );
+            if self.has_parity {
+                bail!("brings whole frames, which have all lines: leave ?parity away");
+            }
+            return Ok(());
+        }
         let what = if interlaced { "interlaced frames" } else { "progressive pictures" };
         ensure!(
             found == [width, if interlaced { height } else { height / 2 }],
@@ -120,7 +137,7 @@ mod tests {
     use super::*;
 
     fn expected() -> Expected {
-        Expected { frame_px: [4, 4], field_hz: 50.0, has_parity: false }
+        Expected { frame_px: [4, 4], scan: Scan::Interlaced, field_hz: 50.0, has_parity: false }
     }
 
     fn clip(head: &str, pictures: usize, luma: u8) -> Vec<u8> {
@@ -175,6 +192,22 @@ mod tests {
             let (luma, ended) = read(&clip(head, 1, 40), expected);
             let told = ended.unwrap_err().to_string();
             assert!(luma.is_empty() && told.contains(named), "{head}: {told}");
+        }
+    }
+
+    #[test]
+    fn a_progressive_camera_takes_whole_frames_alone() {
+        let whole = Expected { scan: Scan::Progressive, ..expected() };
+        let bytes = clip("YUV4MPEG2 W4 H4 F50:1 Ip", 2, 40);
+        assert!(matches!(read(&bytes, whole.clone()), (luma, Ok(())) if luma == [40; 2]));
+        let with_parity = Expected { has_parity: true, ..whole.clone() };
+        for (head, expected, named) in [
+            ("YUV4MPEG2 W4 H2 Ip", whole.clone(), "pictures of 4×2 px; the rig wants whole frames of 4×4 px"),
+            ("YUV4MPEG2 W4 H4 It", whole, "brings interlaced frames of 4×4 px"),
+            ("YUV4MPEG2 W4 H4 Ip", with_parity, "leave ?parity away"),
+        ] {
+            let told = read(&clip(head, 1, 40), expected).1.unwrap_err().to_string();
+            assert!(told.contains(named), "{head}: {told}");
         }
     }
 

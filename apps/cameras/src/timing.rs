@@ -21,9 +21,7 @@ pub struct Clock {
     pub start_ns: Nanos,
     /// Time between two fields of a camera, ns.
     pub period_ns: u64,
-    /// From mid-exposure until the last line has left the sensor, ns.
-    pub exposed_before_ns: u64,
-    /// From the first line until the last has left the sensor, ns.
+    /// From the first line until the last has left the slowest sensor, ns.
     pub lines_ns: u64,
     /// So long after it was read out a field waits at most for one of another camera.
     pub patience_ns: u64,
@@ -42,11 +40,6 @@ impl Clock {
     /// When the last line of a field has left the sensor.
     pub fn read_out(&self, number: u64) -> Nanos {
         self.start_ns.saturating_add(number.saturating_mul(self.period_ns))
-    }
-
-    /// The middle of its exposure.
-    pub fn exposed(&self, number: u64) -> Nanos {
-        self.read_out(number).saturating_sub(self.exposed_before_ns)
     }
 
     /// Its first line leaves the sensor.
@@ -138,11 +131,6 @@ impl Numbering {
             self.opened();
         }
     }
-}
-
-/// Parity of a field by its number; `first` is that of number 0.
-pub fn parity_of(number: u64, first: u32) -> u32 {
-    ((number ^ u64::from(first)) & 1) as u32
 }
 
 #[cfg(test)]

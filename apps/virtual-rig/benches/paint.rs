@@ -15,7 +15,8 @@ fn main() {
 
 fn shipped() -> (Rig, Painter, FieldPicture) {
     let rig = Rig::load_or_shipped(None).expect("the shipped rig");
-    let (painter, picture) = (Painter::new(rig.frame, 1), FieldPicture::new(rig.frame));
+    let (painter, picture) =
+        (Painter::new(rig.cameras()[0].size_px, 1), FieldPicture::new(rig.cameras()[0].size_px));
     (rig, painter, picture)
 }
 

@@ -6,13 +6,14 @@ use crate::faults::tally::FaultTally;
 use crate::faults::timing::Clock;
 use crate::faults::{FaultEvent, FaultInjector};
 use crate::painter::{MAX_PATCHES, Painter, Patch};
+use crate::pixels;
 use crate::projection::{MarkerImage, Markers};
 use protocol::blobs::BlobField;
-use protocol::fields::{FORMAT_YCBCR_422, FieldHeader, FieldPicture};
+use protocol::fields::{FieldHeader, FieldPicture, PixelFormat};
 use rig::Rig;
 use rig::camera::Camera;
-use rig::camera::SensorError;
 use rig::region;
+use rig::sensor::{Sensor as OfRig, SensorError};
 use surgeon::motion::{Motion, MotionSource};
 
 /// Form of the fields.
@@ -38,11 +39,15 @@ struct Canvas {
     painter: Painter,
     /// Picture of the previous field, for a torn one.
     before: FieldPicture,
+    /// Where a field is painted that leaves in another format.
+    planes: Option<FieldPicture>,
 }
 
 /// A camera; without a canvas on the direct path.
 struct Sensor {
     camera: Camera,
+    /// Its times and pixels.
+    of_rig: OfRig,
     clock: Clock,
     /// Lines of a field in which markers can appear.
     lines: usize,
@@ -52,6 +57,7 @@ struct Sensor {
 /// Motion before, at and after the middle of an exposure.
 struct ExposureMotion {
     exposed_ns: u64,
+    half_exposure_ns: u64,
     motion: [Motion; 3],
 }
 
@@ -62,7 +68,6 @@ struct ProjectedMarkers {
     patches: Vec<Patch>,
     /// Patches of the previous field, for a torn one.
     before: Vec<Patch>,
-    half_exposure_ns: u64,
     /// Motion in the newest exposure; genlocked cameras share it.
     exposure_motion: Option<ExposureMotion>,
 }
@@ -72,7 +77,6 @@ pub struct Cameras {
     sensors: Vec<Sensor>,
     projected: ProjectedMarkers,
     seed: u64,
-    line_ns: u64,
     faults: FaultInjector,
     /// Faults of the fields so far.
     pub tally: FaultTally,
@@ -84,7 +88,6 @@ pub struct Exposure<'a> {
     projected: &'a ProjectedMarkers,
     faults: &'a FaultInjector,
     seed: u64,
-    line_ns: u64,
     number: u64,
     tear: Option<Tear>,
 }
@@ -103,29 +106,28 @@ impl Cameras {
     /// # Errors
     /// Where a sensor is out of range.
     pub fn with_faults(rig: &Rig, path: Path, seed: u64, faults: FaultInjector) -> Result<Self, SensorError> {
-        let sensor = |camera: Camera| {
-            camera.field_size()?;
+        let sensor = |(camera, of_rig): (Camera, OfRig)| {
+            let size = of_rig.field_size()?;
+            let lines = region::lines(rig, &camera);
+            let planes = || FieldPicture::of_size([size[0], lines]);
             let canvas = || Canvas {
-                painter: Painter::new(camera.size_px, seed),
-                before: FieldPicture::new(camera.size_px),
+                painter: Painter::of_sensor(&of_rig, seed),
+                before: FieldPicture::of_size(size),
+                planes: (of_rig.format != PixelFormat::Yuyv).then(planes),
             };
-            Ok(Sensor {
-                clock: faults.clock(camera.id),
-                lines: region::lines(rig, &camera),
-                canvas: (path == Path::Pixels).then(canvas),
-                camera,
-            })
+            let canvas = (path == Path::Pixels).then(canvas);
+            Ok(Sensor { clock: faults.clock(camera.id), lines, canvas, camera, of_rig })
         };
-        let sensors = rig.cameras().into_iter().map(sensor).collect::<Result<_, _>>()?;
+        let cameras = rig.cameras().into_iter().zip(rig.sensors());
+        let sensors = cameras.map(sensor).collect::<Result<_, _>>()?;
         let projected = ProjectedMarkers {
             markers: Markers::of(rig),
             images: Markers::list(),
             patches: Vec::with_capacity(MAX_PATCHES),
             before: Vec::with_capacity(MAX_PATCHES),
-            half_exposure_ns: rig.exposure_ns / 2,
             exposure_motion: None,
         };
-        Ok(Cameras { sensors, projected, seed, line_ns: rig.line_ns, faults, tally: FaultTally::default() })
+        Ok(Cameras { sensors, projected, seed, faults, tally: FaultTally::default() })
     }
 
     /// Number of cameras.
@@ -140,7 +142,7 @@ impl Cameras {
 
     /// Largest payload of a field, bytes.
     pub fn payload_bytes(&self) -> usize {
-        let bytes = |s: &Sensor| FieldPicture::bytes(s.camera.size_px[0] as usize, s.lines);
+        let bytes = |s: &Sensor| s.of_rig.format.bytes(s.camera.size_px[0] as usize, s.lines);
         self.sensors.iter().map(bytes).max().unwrap_or(0)
     }
 
@@ -156,29 +158,30 @@ impl Cameras {
 
     /// Time from the middle of an exposure of camera `i` to the end of the region's last line, ns.
     pub fn out_after_ns(&self, i: usize) -> u64 {
-        self.projected.half_exposure_ns + self.sensors[i].lines as u64 * self.line_ns
+        let Sensor { of_rig, lines, .. } = &self.sensors[i];
+        of_rig.read_out_ns().saturating_sub((u64::from(of_rig.lines()) - *lines as u64) * of_rig.line_ns)
     }
 
-    /// Exposes field `number` of camera `i`. Even fields hold the even lines.
+    /// Exposes field `number` of camera `i`. Even fields hold the even lines where it is interlaced.
     pub fn expose(&mut self, i: usize, surgeon: &mut MotionSource, number: u64) -> Exposure<'_> {
         let sensor = &mut self.sensors[i];
-        let Sensor { camera, clock, .. } = &*sensor;
+        let Sensor { camera, clock, of_rig, .. } = &*sensor;
         let (projected, faults, tally) = (&mut self.projected, &self.faults, &mut self.tally);
         if number == 0 {
             faults.permanent_events(camera.id).for_each(|event| tally.record(0, camera.id, event));
         }
-        let tear = faults.tear(camera.id, number, camera.size_px[1] as usize / 2);
+        let tear = faults.tear(camera.id, number, of_rig.lines() as usize);
         if let Some(tear) = tear {
-            projected.project(camera, surgeon, clock.exposed_ns(number - 1));
+            projected.project((camera, of_rig), surgeon, clock.exposed_ns(number - 1));
             faults.inject_into_scene(camera.id, number - 1, &mut projected.patches, |_| {});
             std::mem::swap(&mut projected.patches, &mut projected.before);
             tally.record(number, camera.id, FaultEvent::Torn { line: tear.line, missing: tear.missing });
         }
-        projected.project(camera, surgeon, clock.exposed_ns(number));
+        projected.project((camera, of_rig), surgeon, clock.exposed_ns(number));
         faults.inject_into_scene(camera.id, number, &mut projected.patches, |event| {
             tally.record(number, camera.id, event)
         });
-        Exposure { sensor, projected, faults, seed: self.seed, line_ns: self.line_ns, number, tear }
+        Exposure { sensor, projected, faults, seed: self.seed, number, tear }
     }
 
     /// Decides whether and when the exposed field `number` of camera `i` is sent.
@@ -199,18 +202,18 @@ impl Cameras {
 impl Exposure<'_> {
     /// Header of the field; its instants count from the start of the schedule.
     pub fn header(&self) -> FieldHeader {
-        let Camera { id, size_px: [width, height], .. } = self.sensor.camera;
+        let OfRig { camera: id, size_px: [width, _], line_ns, format, .. } = self.sensor.of_rig;
         let exposed_ns = self.sensor.clock.exposed_ns(self.number);
         FieldHeader {
             field: self.number,
             exposed_ns,
-            first_line_ns: exposed_ns + self.projected.half_exposure_ns,
-            line_period_ns: self.line_ns,
+            first_line_ns: self.sensor.of_rig.first_line_ns(exposed_ns),
+            line_period_ns: line_ns,
             camera: id,
-            parity: (self.number & 1) as u32,
-            format: FORMAT_YCBCR_422,
+            parity: self.sensor.of_rig.parity(self.number, 0),
+            format: format as u32,
             width: width & !1,
-            height: height / 2,
+            height: self.sensor.of_rig.lines(),
             lines: self.sensor.lines as u32,
         }
     }
@@ -220,9 +223,29 @@ impl Exposure<'_> {
     /// # Panics
     /// On the direct path, and if the payload is shorter than its header says.
     pub fn paint(&mut self, payload: &mut [u8]) {
-        let mut picture = FieldPicture::in_payload_mut(&self.header(), payload);
+        let (header, canvas) = (self.header(), self.sensor.canvas.as_mut());
+        let planes = canvas.expect("cameras that draw have canvases").planes.take();
+        let Some(mut planes) = planes else {
+            return self.paint_planes(FieldPicture::in_payload_mut(&header, payload));
+        };
+        let FieldPicture { width, height, luma, blue, red } = &mut planes;
+        let picture = FieldPicture {
+            width: *width,
+            height: *height,
+            luma: &mut luma[..],
+            blue: &mut blue[..],
+            red: &mut red[..],
+        };
+        self.paint_planes(picture);
+        pixels::encode(self.sensor.of_rig.format, &planes, payload);
+        if let Some(canvas) = &mut self.sensor.canvas {
+            canvas.planes = Some(planes);
+        }
+    }
+
+    fn paint_planes(&mut self, mut picture: FieldPicture<&mut [u8]>) {
         let Sensor { camera, clock, canvas, .. } = &mut *self.sensor;
-        let Canvas { painter, before } = canvas.as_mut().expect("cameras that draw have canvases");
+        let Canvas { painter, before, .. } = canvas.as_mut().expect("cameras that draw have canvases");
         let (faults, projected, number) = (self.faults, self.projected, self.number);
         let height = before.height;
         let light = |number: u64| faults.light(camera.id, clock.exposed_ns(number));
@@ -246,30 +269,44 @@ impl Exposure<'_> {
         let (lines, tear) = (self.sensor.lines as f64, self.tear);
         let keep = |line: f64| line < lines && tear.is_none_or(|t| t.is_intact(line));
         let camera = &self.sensor.camera;
-        direct::blobs(self.seed, camera, &self.projected.patches, self.number, keep, field);
+        let of = |number: u64| (number, self.sensor.of_rig.parity(number, 0));
+        direct::blobs(self.seed, camera, &self.projected.patches, of(self.number), keep, field);
         if let Some(tear) = tear.filter(|t| t.missing == 0) {
             let older = |line: f64| line < lines && !tear.is_intact(line);
-            direct::blobs(self.seed, camera, &self.projected.before, self.number - 1, older, field);
+            direct::blobs(self.seed, camera, &self.projected.before, of(self.number - 1), older, field);
         }
     }
 }
 
 impl ProjectedMarkers {
     /// Fills `patches` with the markers that `camera` sees in an exposure, farthest first.
-    fn project(&mut self, camera: &Camera, surgeon: &mut MotionSource, exposed_ns: u64) {
-        if self.exposure_motion.as_ref().is_none_or(|m| m.exposed_ns != exposed_ns) {
-            let half = self.half_exposure_ns;
+    fn project(&mut self, (camera, of_rig): (&Camera, &OfRig), surgeon: &mut MotionSource, exposed_ns: u64) {
+        let half = of_rig.exposure_ns / 2;
+        if self
+            .exposure_motion
+            .as_ref()
+            .is_none_or(|m| (m.exposed_ns, m.half_exposure_ns) != (exposed_ns, half))
+        {
             let instants = [exposed_ns.saturating_sub(half), exposed_ns, exposed_ns + half];
-            self.exposure_motion =
-                Some(ExposureMotion { exposed_ns, motion: instants.map(|t| surgeon.at(t)) });
+            self.exposure_motion = Some(ExposureMotion {
+                exposed_ns,
+                half_exposure_ns: half,
+                motion: instants.map(|t| surgeon.at(t)),
+            });
         }
         let Some(ExposureMotion { motion: [before, middle, after], .. }) = &self.exposure_motion else {
             return;
         };
         self.markers.project(camera, middle, &mut self.images);
         self.patches.clear();
-        self.patches.extend(self.images.iter().map(|&image| {
+        let rolls = of_rig.row_ns() > 0.0;
+        self.patches.extend(self.images.iter().map(|&(mut image)| {
             let smear_px = self.markers.moved_px(camera, &image, before, after);
+            if rolls {
+                // Seen when its line was exposed: further along the way on which it smears.
+                let share = of_rig.row_delay_ns(image.centre_px.y) / (2 * half) as f64;
+                image.centre_px += smear_px * share;
+            }
             Patch { image, smear_px, brightness: 1.0 }
         }));
     }

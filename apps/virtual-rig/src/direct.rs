@@ -3,7 +3,7 @@
 use crate::faults::scene::GHOST;
 use crate::painter::Patch;
 use nalgebra::Vector2;
-use protocol::blobs::{BLOB_SATURATED, Blob, BlobField};
+use protocol::blobs::{BLOB_SATURATED, Blob, BlobField, WHOLE_FRAME, field_line};
 use protocol::random::unit_interval;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -23,20 +23,22 @@ const GLARE: f64 = 1.2;
 const DIM: f64 = 0.3;
 
 /// Puts a blob for every marker whose centre is in the frame, and on a line that `keep` wants, into
-/// `out`, in the order in which the hardware would complete them. `number` is the field that saw
-/// the markers. The noise is drawn from the seed, the camera, that field and the marker, so that no
+/// `out`, in the order in which the hardware would complete them. `number` and `parity`
+/// are of the field that saw the markers. The noise is drawn from the seed, the camera, that field and the marker, so that no
 /// marker's noise depends on which others are seen.
 pub fn blobs(
     seed: u64,
     camera: &Camera,
     patches: &[Patch],
-    number: u64,
+    (number, parity): (u64, u32),
     keep: impl Fn(f64) -> bool,
     out: &mut BlobField,
 ) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(number.wrapping_mul(64).wrapping_add(u64::from(camera.id)));
     let last_line = |b: &Blob| b.y_field_px + b.height_px / 2.0;
+    // Lines of a field that is no whole frame lie two lines of the frame apart.
+    let squeeze = if parity == WHOLE_FRAME { 1.0 } else { 0.5 };
     let lit = |p: &&Patch| p.image.is_in_frame(camera) && p.brightness >= DIM;
     for patch in patches.iter().filter(lit) {
         let (image, glares) = (&patch.image, patch.brightness > GLARE);
@@ -44,16 +46,16 @@ pub fn blobs(
         let noise_px = NOISE_PX * if glares { GLARE_NOISE } else { 1.0 };
         let seen = image.centre_px + gaussian_pair(&mut random) * noise_px;
         let half = image.half_size_px();
-        let y_field_px = (seen.y - (number & 1) as f64) / 2.0;
+        let y_field_px = field_line(seen.y, parity);
         if !keep(y_field_px) {
             continue;
         }
         out.push(Blob {
             x_px: seen.x,
             y_field_px,
-            area_px: PI * image.shape_px2.determinant().max(0.0).sqrt() / 2.0,
+            area_px: PI * image.shape_px2.determinant().max(0.0).sqrt() * squeeze,
             width_px: 2.0 * half.x,
-            height_px: half.y,
+            height_px: 2.0 * squeeze * half.y,
             var_x_px2: noise_px * noise_px,
             var_y_px2: noise_px * noise_px,
             cov_xy_px2: 0.0,
@@ -95,7 +97,7 @@ mod tests {
         for number in 0..400u64 {
             let mut field = BlobField::zeroed();
             (field.field, field.parity) = (number, (number & 1) as u32);
-            blobs(9, camera, &patches, number, |_| true, &mut field);
+            blobs(9, camera, &patches, (number, field.parity), |_| true, &mut field);
             for blob in field.blobs() {
                 let at = Vector2::new(blob.x_px, field.y_frame_px(blob));
                 let off = seen

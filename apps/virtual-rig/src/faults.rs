@@ -26,6 +26,7 @@ pub mod spec;
 pub mod tally;
 pub mod timing;
 
+use protocol::limits::MAX_CAMERAS;
 use protocol::poses::BODY_NAMES;
 use rig::Rig;
 use sampler::FaultSampler;
@@ -135,7 +136,8 @@ pub struct FaultInjector {
     /// Every marker of the rig.
     markers: Vec<MarkerId>,
     period_ns: u64,
-    exposure_s: f64,
+    /// By camera.
+    exposure_s: [f64; MAX_CAMERAS],
 }
 
 impl FaultInjector {
@@ -160,7 +162,7 @@ impl FaultInjector {
             markers,
             sampler: FaultSampler::new(seed),
             period_ns: rig.field_period_ns(),
-            exposure_s: rig.exposure_ns as f64 * 1e-9,
+            exposure_s: std::array::from_fn(|id| rig.sensor(id as u32).exposure_ns as f64 * 1e-9),
             spec,
         })
     }

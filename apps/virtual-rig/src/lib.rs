@@ -12,6 +12,7 @@ pub mod direct;
 pub mod faults;
 pub mod painter;
 pub mod perception;
+pub mod pixels;
 pub mod playback;
 pub mod process;
 pub mod projection;

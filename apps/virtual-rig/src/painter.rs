@@ -15,6 +15,7 @@ use model::{Carrier, Disc, GREY, carried};
 use nalgebra::Vector2;
 use noise::{Noise, STEP_BITS, STEPS};
 use protocol::fields::FieldPicture;
+use rig::sensor::Sensor;
 use std::ops::DerefMut;
 
 /// Patches that a field can hold; further ones are left out.
@@ -59,9 +60,14 @@ impl Painter {
         Self::with_model(frame_px, seed, ImageModel::default())
     }
 
+    /// For the fields of a camera.
+    pub fn of_sensor(sensor: &Sensor, seed: u64) -> Self {
+        Self::with_model(sensor.size_px, seed, ImageModel::of_scan(sensor.scan))
+    }
+
     /// The same with another image model.
     pub fn with_model(frame_px: [u32; 2], seed: u64, model: ImageModel) -> Self {
-        let [width, height] = [frame_px[0] as usize & !1, frame_px[1] as usize / 2];
+        let [width, height] = [frame_px[0] as usize & !1, frame_px[1] as usize / model.per_row() as usize];
         let dark = model.luma_variance(model.background).sqrt();
         let middle = height as f64 / 2.0;
         let fixed = |x: usize| (model.ground([width, height], x as f64, middle) * STEPS).round() as i16;
@@ -77,7 +83,7 @@ impl Painter {
         }
     }
 
-    /// Draws field `number` of camera `camera`: the lines `2·y + parity` of the frame. Markers come
+    /// Draws field `number` of camera `camera`: the lines `2·y + parity` of the frame, or all. Markers come
     /// farthest first, so that near ones hide far ones; they stand still.
     pub fn draw<B: DerefMut<Target = [u8]>>(
         &self,

@@ -6,13 +6,14 @@ use blob_stream::live::delay_defect;
 use bytemuck::Zeroable;
 use protocol::blobs::{Blob, BlobField};
 use rig::Rig;
+use rig::sensor::{Scan, Sensor};
 use std::path::Path;
 
 /// A stream in memory: fields without their blobs, and all blobs in one row.
 pub struct BlobPlayback {
     fields: Vec<Entry>,
     blobs: Vec<Blob>,
-    read_out_ns: u64,
+    sensors: Vec<Sensor>,
 }
 
 struct Entry {
@@ -32,8 +33,7 @@ impl BlobPlayback {
     /// A line that cannot be read, a field that contradicts the rig, or a stream without fields.
     pub fn load(path: &Path, rig: &Rig) -> Result<Self> {
         let file = path.display();
-        let mut stream =
-            BlobPlayback { fields: Vec::new(), blobs: Vec::new(), read_out_ns: rig.read_out_ns() };
+        let mut stream = BlobPlayback { fields: Vec::new(), blobs: Vec::new(), sensors: rig.sensors() };
         for field in BlobReader::open(path)? {
             let field = field?;
             let (number, camera) = (field.field, field.camera);
@@ -60,6 +60,10 @@ impl BlobPlayback {
         });
     }
 
+    fn read_out_ns(&self, camera: u32) -> u64 {
+        self.sensors.iter().find(|s| s.camera == camera).map_or(0, Sensor::read_out_ns)
+    }
+
     /// Fields in the stream.
     pub fn count(&self) -> usize {
         self.fields.len()
@@ -80,7 +84,7 @@ impl BlobPlayback {
         let shifted = |t: u64| (i128::from(t) + shift).clamp(1, i128::from(u64::MAX)) as u64;
         out.exposed_ns = shifted(entry.exposed_ns);
         out.blobs_out_ns = shifted(entry.received_ns);
-        out.read_out_ns = out.exposed_ns.saturating_add(self.read_out_ns).min(out.blobs_out_ns);
+        out.read_out_ns = out.exposed_ns.saturating_add(self.read_out_ns(entry.camera)).min(out.blobs_out_ns);
         let blobs = &self.blobs[entry.blobs.clone()];
         out.blobs[..blobs.len()].copy_from_slice(blobs);
         out.count = blobs.len() as u32;
@@ -91,6 +95,14 @@ impl BlobPlayback {
 fn defect(field: &BlobField, rig: &Rig) -> Option<String> {
     if !rig.cameras.iter().any(|c| c.id == field.camera) {
         return Some(format!("expected a camera of the rig, found {}", field.camera));
+    }
+    let sensor = rig.sensor(field.camera);
+    if !sensor.has_parity(field.parity) {
+        let expected = match sensor.scan {
+            Scan::Interlaced => "parity 0 or 1 of an interlaced camera",
+            Scan::Progressive => "parity 2, whole frames, of a progressive camera",
+        };
+        return Some(format!("expected {expected}, found {}", field.parity));
     }
     delay_defect(field)
 }

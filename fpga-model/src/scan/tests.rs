@@ -112,8 +112,8 @@ fn errors(fields: u64) -> (Vec<Vector2<f64>>, usize, Vec<f64>) {
     let rig = Rig::load_or_shipped(None).unwrap();
     let scene = SceneFile::load(DEFAULT_SCENE).unwrap();
     let mut source = MotionSource::new(&scene, &rig, None, 11);
-    let (markers, painter) = (Markers::of(&rig), Painter::new(rig.frame, 11));
-    let (mut seen, mut picture) = (Markers::list(), FieldPicture::new(rig.frame));
+    let (markers, painter) = (Markers::of(&rig), Painter::new(rig.cameras()[0].size_px, 11));
+    let (mut seen, mut picture) = (Markers::list(), FieldPicture::new(rig.cameras()[0].size_px));
     let (mut all, mut missed, mut scaled) = (Vec::new(), 0, Vec::new());
     for number in 0..fields {
         let motion = source.at(number * 97_000_000);

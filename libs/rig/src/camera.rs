@@ -2,21 +2,12 @@
 //! distortion, as in OpenCV (Brown 1971; coefficients [k1, k2, p1, p2, k3]).
 
 use nalgebra::{Matrix2, Matrix3, Point3, Vector2, Vector3};
-use protocol::blobs::{Blob, Colour, DEFAULT_VARIANCE_PX2};
-use protocol::fields::SENSOR_PX;
+use protocol::blobs::{Blob, Colour, DEFAULT_VARIANCE_PX2, WHOLE_FRAME, field_line};
 
 /// Residual of the undistortion at which it has converged, in normalised image units (1e-12 of a
 /// focal length is far below any rounding of pixel coordinates).
 const UNDISTORT_TOLERANCE: f64 = 1e-13;
 const UNDISTORT_ITERATIONS: usize = 50;
-
-/// A sensor whose fields no channel carries.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("camera {id}: expected a sensor of 16 to 8192 px a side, found {size_px:?}")]
-pub struct SensorError {
-    id: u32,
-    size_px: [u32; 2],
-}
 
 /// A camera of the rig, ready for computation.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,18 +29,6 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Pixels a line and lines of its fields; an odd width loses its last column.
-    ///
-    /// # Errors
-    /// Where a side of the sensor is out of range.
-    pub fn field_size(&self) -> Result<[usize; 2], SensorError> {
-        if !self.size_px.iter().all(|n| SENSOR_PX.contains(n)) {
-            return Err(SensorError { id: self.id, size_px: self.size_px });
-        }
-        let [width, height] = self.size_px;
-        Ok([width as usize & !1, height as usize / 2])
-    }
-
     /// Image of a ball at `centre` (world frame, mm) in a field of `parity`, without noise; the
     /// outline is that of an undistorted ellipse. `None` behind the camera.
     pub fn blob_of_ball(
@@ -61,12 +40,14 @@ impl Camera {
     ) -> Option<Blob> {
         let pixel = self.project(centre)?;
         let radii = self.focal_px * (radius_mm / self.in_camera(centre).z);
+        // Lines of a field that is no whole frame lie two lines of the frame apart.
+        let squeeze = if parity == WHOLE_FRAME { 1.0 } else { 0.5 };
         Some(Blob {
             x_px: pixel.x,
-            y_field_px: (pixel.y - f64::from(parity)) / 2.0,
-            area_px: 0.5 * std::f64::consts::PI * radii.x * radii.y,
+            y_field_px: field_line(pixel.y, parity),
+            area_px: squeeze * std::f64::consts::PI * radii.x * radii.y,
             width_px: 2.0 * radii.x,
-            height_px: radii.y,
+            height_px: 2.0 * squeeze * radii.y,
             var_x_px2: DEFAULT_VARIANCE_PX2,
             var_y_px2: DEFAULT_VARIANCE_PX2,
             cov_xy_px2: 0.0,
@@ -192,14 +173,5 @@ mod tests {
                 prop_assert!((slope - jacobian.column(axis)).norm() < 1e-5);
             }
         }
-    }
-
-    #[test]
-    fn unreasonable_sensors_are_refused() {
-        let mut rig = crate::Rig::load_or_shipped(None).unwrap();
-        assert_eq!(rig.cameras()[0].field_size().unwrap(), [720, 288]);
-        rig.cameras[1].width = 1_000_000;
-        let error = rig.cameras()[1].field_size().unwrap_err().to_string();
-        assert!(error.contains("camera 1") && error.contains("1000000"), "{error}");
     }
 }

@@ -3,12 +3,16 @@
 //! Each is a mistake that would otherwise show only as poses that are wrong or missing. Where the cameras stand is not
 //! looked at here: a calibration writes rigs whose world is a camera or a board, not the eye.
 
+use super::sensor::{Scan, Sensor};
 use super::{Defect, Rig, RigCamera};
+use protocol::blobs::Colour;
 
-/// The one rule of how a field's lines lie in the frame.
-pub(super) const FIELD_RULE: &str = "y_frame = 2*y_field + parity";
 /// Shortest exposure, ns: below it no marker is bright enough.
 const SHORTEST_EXPOSURE_NS: u64 = 1_000;
+/// Longest line, ns: nothing that looks at a moving eye is slower.
+const LONGEST_LINE_NS: u64 = 10_000_000;
+/// Least and largest width and height of a frame, px.
+const SIZES_PX: [[u32; 2]; 2] = [[16, 1920], [16, 1200]];
 /// Focal lengths in widths of the picture: from a view of 136 degrees to one of half a degree.
 const FOCAL_WIDTHS: [f64; 2] = [0.2, 100.0];
 /// Height of a pixel over its width, and its inverse, at most. Lines of PAL cameras give 1.09.
@@ -17,29 +21,87 @@ const PIXEL_RATIO: f64 = 4.0;
 impl Rig {
     /// The first contradiction of times and sizes.
     pub(super) fn defect_of_fields(&self) -> Option<Defect> {
-        if self.field_rule != FIELD_RULE {
-            return Some(("field_rule".into(), "y_frame = 2*y_field + parity", self.field_rule.clone()));
+        let sensors = self.sensors();
+        let of_each = (self.cameras.iter().zip(&sensors).enumerate()).find_map(|(i, (camera, sensor))| {
+            let named = |key: &str, own: bool| if own { format!("cameras[{i}].{key}") } else { key.into() };
+            self.defect_of_size(i, camera)
+                .or_else(|| self.defect_of_rate(i, camera))
+                .or_else(|| self.defect_of_times(camera, sensor, named))
+                .or_else(|| defect_of_mosaic(camera, sensor, named))
+        });
+        self.defect_of_rule(&sensors).or(of_each)
+    }
+
+    /// The rule says again what `scan` says; for cameras that differ it cannot.
+    fn defect_of_rule(&self, sensors: &[Sensor]) -> Option<Defect> {
+        let (rule, field) = (self.field_rule.as_ref()?, "field_rule".to_owned());
+        if ![Scan::Interlaced, Scan::Progressive].iter().any(|scan| scan.rule() == rule) {
+            let expected =
+                "\"y_frame = 2*y_field + parity\" (interlaced) or \"y_frame = y_field\" (progressive)";
+            return Some((field, expected, rule.clone()));
         }
-        let period = self.field_period_ns();
-        let lines = u64::from(self.frame[1] / 2);
-        let read_out = self.line_ns.saturating_mul(lines);
-        if read_out > period {
-            let found = format!("{lines} lines of {} ns in a period of {period} ns", self.line_ns);
-            return Some(("line_ns".into(), "lines that are read out within the period of a field", found));
+        let other = sensors.iter().find(|s| s.scan.rule() != rule)?;
+        let found = format!("{rule}, where camera {} is {}", other.camera, other.scan.name());
+        Some((field, "the rule of all cameras' scan, or none", found))
+    }
+
+    fn defect_of_size(&self, i: usize, camera: &RigCamera) -> Option<Defect> {
+        let RigCamera { width, height, .. } = *camera;
+        if let Some([w, h]) = self.frame.filter(|frame| *frame != [width, height]) {
+            let found = format!("{width} × {height}, where frame says {w} × {h}");
+            let expected =
+                "the size of frame, which is that of all cameras; leave frame away where they differ";
+            return Some((format!("cameras[{i}].width, height"), expected, found));
         }
-        if !(SHORTEST_EXPOSURE_NS..=period).contains(&self.exposure_ns) {
-            let found = format!("{} ns in a period of {period} ns", self.exposure_ns);
-            return Some(("exposure_ns".into(), "at least 1000 ns and at most the period of a field", found));
-        }
-        let other = self.cameras.iter().position(|c| [c.width, c.height] != self.frame)?;
-        let RigCamera { width, height, .. } = self.cameras[other];
-        let [w, h] = self.frame;
-        let found = format!("{width} × {height}, where frame says {w} × {h}");
+        let fits = [width, height].iter().zip(SIZES_PX).all(|(n, [least, most])| (least..=most).contains(n));
+        let found = format!("{width} × {height}");
+        let expected = "a frame of 16 to 1920 × 16 to 1200 px";
+        (!fits).then(|| (format!("cameras[{i}].width, height"), expected, found))
+    }
+
+    fn defect_of_rate(&self, i: usize, camera: &RigCamera) -> Option<Defect> {
+        let hz = camera.field_hz.filter(|hz| *hz != self.field_hz)?;
+        let expected = "the rig's field_hz: all cameras of a rig have one rate for now";
         Some((
-            format!("cameras[{other}].width, height"),
-            "the size of frame, the same for all cameras",
-            found,
+            format!("cameras[{i}].field_hz"),
+            expected,
+            format!("{hz}, where the rig has {}", self.field_hz),
         ))
+    }
+
+    fn defect_of_times(
+        &self,
+        camera: &RigCamera,
+        sensor: &Sensor,
+        named: impl Fn(&str, bool) -> String,
+    ) -> Option<Defect> {
+        let (period, line_ns) = (self.field_period_ns(), sensor.line_ns);
+        let key = || named("line_ns", camera.line_ns.is_some());
+        if !(1..=LONGEST_LINE_NS).contains(&line_ns) {
+            return Some((key(), "1 to 10000000 ns from line to line", line_ns.to_string()));
+        }
+        if sensor.lines_ns() > period {
+            let found = format!("{} lines of {line_ns} ns in a period of {period} ns", sensor.lines());
+            return Some((key(), "lines that are read out within the period of a field", found));
+        }
+        let fits = (SHORTEST_EXPOSURE_NS..=period).contains(&sensor.exposure_ns);
+        let key = named("exposure_ns", camera.exposure_ns.is_some());
+        let found = format!("{} ns in a period of {period} ns", sensor.exposure_ns);
+        (!fits).then(|| (key, "at least 1000 ns and at most the period of a field", found))
+    }
+
+    /// Without colours, coloured markers cannot be told apart.
+    pub(super) fn defect_of_colours(&self) -> Option<Defect> {
+        let blind = self.sensors().into_iter().find(|s| !s.format.has_colour())?;
+        let coloured = |body: &super::RigBody| {
+            body.markers
+                .iter()
+                .find(|m| m.colour != Colour::White)
+                .map(|m| (body.name.clone(), m.colour.name()))
+        };
+        let (body, colour) = self.bodies.iter().find_map(coloured)?;
+        let found = format!("a {colour} marker on {body}, where camera {} gives Y8", blind.camera);
+        Some(("bodies".into(), "white markers alone where a camera gives Y8, which has no colours", found))
     }
 
     /// The first lens that is none.
@@ -49,6 +111,24 @@ impl Rig {
             Some((format!("cameras[{i}].{what}"), expected, found))
         })
     }
+}
+
+/// A mosaic of filters needs whole frames and whole pairs of pixels.
+fn defect_of_mosaic(
+    camera: &RigCamera,
+    sensor: &Sensor,
+    named: impl Fn(&str, bool) -> String,
+) -> Option<Defect> {
+    sensor.format.first_red()?;
+    let (key, name) = (named("pixel_format", camera.pixel_format.is_some()), sensor.format.name());
+    if sensor.scan == Scan::Interlaced {
+        let expected =
+            "YUYV, Y8 or RGB8 of an interlaced camera: a mosaic needs all lines (scan progressive)";
+        return Some((key, expected, name.into()));
+    }
+    let [w, h] = sensor.size_px;
+    let odd = w % 2 + h % 2 > 0;
+    odd.then(|| (key, "a mosaic on a frame of an even size", format!("{name} on {w} × {h}")))
 }
 
 impl RigCamera {
@@ -75,7 +155,10 @@ impl RigCamera {
 
 #[cfg(test)]
 mod tests {
+    use crate::sensor::Scan;
     use crate::{Rig, RigError, SHIPPED};
+    use protocol::blobs::Colour;
+    use protocol::fields::PixelFormat;
 
     fn refused(change: impl FnOnce(&mut Rig)) -> String {
         let mut rig = Rig::parse(SHIPPED, "shipped").unwrap();
@@ -88,14 +171,94 @@ mod tests {
 
     #[test]
     fn times_that_do_not_fit_are_refused() {
-        assert!(refused(|r| r.field_rule = "banana".into()).starts_with("field_rule"));
+        let banana = refused(|r| r.field_rule = Some("banana".into()));
+        assert!(banana.starts_with("field_rule: \"y_frame = 2*y_field + parity\""), "{banana}");
         assert!(refused(|r| r.field_hz = 200.0).starts_with("line_ns: lines that are read out"));
         assert!(refused(|r| r.line_ns = 1_000_000).contains("288 lines of 1000000 ns"));
-        for ns in [0, 1_000_000_000] {
+        assert!(refused(|r| r.line_ns = 0).starts_with("line_ns: 1 to"));
+        for ns in [0, 999, 20_000_001, 1_000_000_000] {
             assert!(refused(|r| r.exposure_ns = ns).starts_with("exposure_ns"), "{ns}");
         }
-        assert!(refused(|r| r.frame = [640, 480]).starts_with("cameras[0].width"));
+        for hz in [24.0, 501.0, -50.0] {
+            assert!(refused(|r| r.field_hz = hz).starts_with("field_hz: 25 to 500"), "{hz}");
+        }
+        let slow = refused(|r| r.cameras[1].line_ns = Some(70_000));
+        assert!(slow.starts_with("cameras[1].line_ns: lines that are read out"), "{slow}");
+        assert!(refused(|r| r.cameras[2].exposure_ns = Some(0)).starts_with("cameras[2].exposure_ns"));
+        let other = refused(|r| r.cameras[2].field_hz = Some(25.0));
+        assert!(other.starts_with("cameras[2].field_hz") && other.contains("one rate for now"), "{other}");
+    }
+
+    #[test]
+    fn whole_frames_take_twice_the_time_of_fields() {
+        let whole = refused(|r| (r.scan, r.field_rule) = (Scan::Progressive, None));
+        assert!(whole.contains("576 lines of 64000 ns"), "{whole}");
+        let rule = refused(|r| (r.scan, r.line_ns) = (Scan::Progressive, 30_000));
+        assert!(rule.starts_with("field_rule") && rule.contains("camera 0 is progressive"), "{rule}");
+        let one = refused(|r| (r.cameras[1].scan, r.line_ns) = (Some(Scan::Progressive), 30_000));
+        assert!(one.contains("camera 1 is progressive"), "{one}");
+    }
+
+    #[test]
+    fn other_sizes_than_the_rigs_are_refused() {
+        assert!(refused(|r| r.frame = Some([640, 480])).starts_with("cameras[0].width"));
         assert!(refused(|r| r.cameras[2].height = 480).starts_with("cameras[2].width"));
+        for [w, h] in [[1922, 576], [720, 1202], [8, 576], [720, 15]] {
+            let found = refused(|r| {
+                r.frame = None;
+                (r.cameras[1].width, r.cameras[1].height) = (w, h);
+            });
+            assert!(found.starts_with("cameras[1].width, height: a frame of 16 to 1920"), "{found}");
+        }
+    }
+
+    #[test]
+    fn formats_that_cannot_be_are_refused() {
+        let grey = refused(|r| r.cameras[1].pixel_format = Some(PixelFormat::Y8));
+        assert!(grey.contains("a red marker on inst0, where camera 1 gives Y8"), "{grey}");
+        let mosaic = refused(|r| r.pixel_format = PixelFormat::BayerRg8);
+        assert!(mosaic.starts_with("pixel_format: YUYV, Y8 or RGB8"), "{mosaic}");
+        let odd = refused(|r| {
+            (r.scan, r.field_rule, r.frame, r.line_ns) = (Scan::Progressive, None, None, 30_000);
+            (r.cameras[2].height, r.cameras[2].pixel_format) = (575, Some(PixelFormat::BayerGb8));
+        });
+        assert!(odd.starts_with("cameras[2].pixel_format") && odd.contains("720 × 575"), "{odd}");
+        let mut rig = Rig::parse(SHIPPED, "shipped").unwrap();
+        rig.pixel_format = PixelFormat::Y8;
+        rig.bodies.iter_mut().flat_map(|b| &mut b.markers).for_each(|m| m.colour = Colour::White);
+        assert!(Rig::parse(&rig.to_json(), "white").is_ok());
+    }
+
+    #[test]
+    fn words_that_are_unknown_are_refused_with_those_that_are_known() {
+        for (from, to, named) in [
+            (
+                "\"line_ns\": 64000",
+                "\"line_ns\": 64000, \"scan\": \"zigzag\"",
+                "`interlaced` or `progressive`",
+            ),
+            ("\"line_ns\": 64000", "\"line_ns\": 64000, \"shutter\": \"none\"", "`global` or `rolling`"),
+            ("\"line_ns\": 64000", "\"line_ns\": 64000, \"pixel_format\": \"Bayer8\"", "BayerGB8"),
+            (
+                "\"fy\": 1748.148148148148",
+                "\"fy\": 1748.148148148148, \"pixel_format\": \"NV12\"",
+                "BayerRG8",
+            ),
+            ("\"fy\": 1748.148148148148", "\"fy\": 1748.148148148148, \"gain\": 3", "gain"),
+        ] {
+            let text = SHIPPED.replacen(from, to, 1);
+            assert_ne!(text, SHIPPED, "{from}");
+            let told = Rig::parse(&text, "r.json").unwrap_err().to_string();
+            assert!(told.contains("r.json") && told.contains(named), "{told}");
+        }
+    }
+
+    #[test]
+    fn rotations_that_are_none_are_refused() {
+        let scaled = refused(|r| r.cameras[1].rotation[0] = r.cameras[1].rotation[0].map(|v| 1.1 * v));
+        assert!(scaled.starts_with("cameras[1]: R a rotation matrix"), "{scaled}");
+        let mirrored = refused(|r| r.cameras[1].rotation[2] = r.cameras[1].rotation[2].map(|v| -v));
+        assert!(mirrored.contains("right-handed") && mirrored.contains("mirrored"), "{mirrored}");
     }
 
     #[test]

@@ -22,7 +22,8 @@ const STEPS: usize = 24;
 
 /// Lines from the top of a field of `camera` in which any marker of `rig` can appear: 1 to all.
 pub fn lines(rig: &Rig, camera: &Camera) -> usize {
-    let all = camera.size_px[1] as usize / 2;
+    let sensor = rig.sensor(camera.id);
+    let (all, per_row) = (sensor.lines() as usize, f64::from(sensor.lines_per_row()));
     let mut lowest: f64 = 0.0;
     let mut look = |p: Point3<f64>, radius_mm: f64| {
         // Lines per mm at this distance, for the marker's own extent.
@@ -30,7 +31,7 @@ pub fn lines(rig: &Rig, camera: &Camera) -> usize {
         if in_camera.z > radius_mm {
             let radius_px = camera.focal_px.y * radius_mm / (in_camera.z - radius_mm);
             let y = camera.project(&p).map_or(0.0, |c| c.y + radius_px);
-            lowest = lowest.max(y / 2.0);
+            lowest = lowest.max(y / per_row);
         }
     };
     for (i, name) in BODY_NAMES.iter().enumerate() {

@@ -3,7 +3,6 @@
 use bytemuck::Zeroable;
 use fpga_model::camera_extractor::CameraExtractor;
 use protocol::blobs::BlobField;
-use protocol::fields::FieldPicture;
 use protocol::time::Nanos;
 use rig::Rig;
 use rig::camera::Camera;
@@ -48,8 +47,9 @@ impl CameraTwin {
         let header = exposure.header();
         if let Some(extractor) = self.extractors.get_mut(i) {
             exposure.paint(&mut self.payload);
-            let picture = FieldPicture::in_payload(&header, &self.payload).expect("a whole payload");
-            field.blobs_out_ns = extractor.extract(&header, &picture, &mut field);
+            assert!(extractor.takes(&header), "the extractor is of the same rig");
+            let due_ns = extractor.extract_payload(&header, &self.payload, &mut field);
+            field.blobs_out_ns = due_ns.expect("a whole payload");
         } else {
             exposure.blobs(&mut field);
             field.blobs_out_ns = header.exposed_ns + out_after_ns;

@@ -4,7 +4,7 @@
 use crate::streams::{Knock, Recipe, Scenario};
 use calibration::causes::Cause;
 use nalgebra::Vector3;
-use protocol::blobs::{BlobField, Colour};
+use protocol::blobs::{BlobField, Colour, WHOLE_FRAME};
 use protocol::poses::BODY_NAMES;
 use protocol::random::Random;
 use rig::Rig;
@@ -145,7 +145,9 @@ fn spoil(cause: &Cause, field: &mut BlobField) {
             let pair = colours.map(|c| c as u32);
             field.blobs[..count].iter_mut().for_each(|b| b.colour = exchanged(pair, b.colour));
         }
-        Cause::ParitySwapped { camera } if camera.is_none_or(|id| id == field.camera) => field.parity ^= 1,
+        Cause::ParitySwapped { camera } if camera.is_none_or(|id| id == field.camera) => {
+            field.parity ^= u32::from(field.parity < WHOLE_FRAME);
+        }
         Cause::ClockShifted { camera, by_ms } if *camera == field.camera => {
             field.exposed_ns = field.exposed_ns.saturating_add_signed((by_ms * 1e6) as i64);
         }

@@ -17,6 +17,12 @@ pub fn rig_camera(camera: &Camera) -> RigCamera {
         dist: camera.distortion,
         rotation: std::array::from_fn(|i| std::array::from_fn(|j| r[(i, j)])),
         t: camera.translation_mm.into(),
+        field_hz: None,
+        line_ns: None,
+        exposure_ns: None,
+        scan: None,
+        shutter: None,
+        pixel_format: None,
     }
 }
 
@@ -26,22 +32,34 @@ pub fn rig_camera(camera: &Camera) -> RigCamera {
 /// Cameras that make no valid rig.
 pub fn rig_with(template: &Rig, cameras: &[Camera]) -> Result<Rig, RigError> {
     let mut rig = template.clone();
-    rig.cameras = cameras.iter().map(rig_camera).collect();
-    if let Some(first) = cameras.first() {
-        rig.frame = first.size_px;
-    }
+    rig.cameras = cameras.iter().map(|camera| like(rig_camera(camera), template)).collect();
+    rig.frame = cameras.first().map(|c| c.size_px).filter(|size| cameras.iter().all(|c| c.size_px == *size));
     Rig::parse(&rig.to_json(), "of the calibration")
+}
+
+/// What a file says of times and pixels of the camera with this id stays.
+fn like(camera: RigCamera, template: &Rig) -> RigCamera {
+    let Some(old) = template.cameras.iter().find(|c| c.id == camera.id) else { return camera };
+    RigCamera {
+        field_hz: old.field_hz,
+        line_ns: old.line_ns,
+        exposure_ns: old.exposure_ns,
+        scan: old.scan,
+        shutter: old.shutter,
+        pixel_format: old.pixel_format,
+        ..camera
+    }
 }
 
 /// `rig` with the lens of this camera in place of that of its camera of the same id; its place
 /// stays. `None` where the rig has no such camera.
 pub fn rig_with_lens(rig: &Rig, camera: &Camera) -> Option<Rig> {
-    let mut rig = rig.clone();
-    let old = rig.cameras.iter_mut().find(|c| c.id == camera.id)?;
+    let mut out = rig.clone();
+    let old = out.cameras.iter_mut().find(|c| c.id == camera.id)?;
     let place = (old.rotation, old.t);
-    *old = rig_camera(camera);
+    *old = like(rig_camera(camera), rig);
     (old.rotation, old.t) = place;
-    Some(rig)
+    Some(out)
 }
 
 #[cfg(test)]

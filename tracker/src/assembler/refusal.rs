@@ -21,6 +21,18 @@ pub enum Refusal {
         /// Of the last field taken.
         last_ns: Nanos,
     },
+    /// A field where the rig says whole frames, or the other way round.
+    #[error(
+        "camera {camera}: parity {parity}; the rig's scan is {scan}: 0 and 1 are interlaced, 2 is progressive"
+    )]
+    OtherScan {
+        /// Camera id.
+        camera: u32,
+        /// Of the field refused.
+        parity: u32,
+        /// As the rig says.
+        scan: &'static str,
+    },
     /// Exposed after it was received.
     #[error("camera {0}: exposed in the future")]
     FromTheFuture(u32),

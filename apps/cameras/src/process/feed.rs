@@ -4,7 +4,7 @@ use super::reader::{Pictured, Reader, Told};
 use crate::condition::{Condition, Kind, Trouble};
 use crate::stream::Expected;
 use crate::tally::Tally;
-use crate::timing::{Clock, Numbering, Place, parity_of};
+use crate::timing::{Clock, Numbering, Place};
 use anyhow::{Context, Result};
 use fpga_model::input::Picture;
 use ipc::BellRope;
@@ -14,6 +14,7 @@ use protocol::time::Nanos;
 use rig::Rig;
 use rig::camera::Camera;
 use rig::region;
+use rig::sensor::Sensor as OfRig;
 use settings::commands::cameras::Stream;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -46,25 +47,25 @@ struct Held {
 
 /// What the rig says of a camera's fields.
 struct Sensor {
-    camera: u32,
-    field_px: [u32; 2],
+    of_rig: OfRig,
+    /// Pixels a line; even.
+    width: u32,
     /// Lines in which markers can appear.
     lines: u32,
-    line_period_ns: u64,
 }
 
 impl Sensor {
     fn header(&self, clock: &Clock, number: u64, parity: u32) -> FieldHeader {
         FieldHeader {
             field: number,
-            exposed_ns: clock.exposed(number),
-            first_line_ns: clock.first_line(number),
-            line_period_ns: self.line_period_ns,
-            camera: self.camera,
+            exposed_ns: clock.read_out(number).saturating_sub(self.of_rig.read_out_ns()),
+            first_line_ns: clock.read_out(number).saturating_sub(self.of_rig.lines_ns()),
+            line_period_ns: self.of_rig.line_ns,
+            camera: self.of_rig.camera,
             parity,
             format: FORMAT_YCBCR_422,
-            width: self.field_px[0],
-            height: self.field_px[1],
+            width: self.width,
+            height: self.of_rig.lines(),
             lines: self.lines,
         }
     }
@@ -106,20 +107,21 @@ impl Feed {
         stop: &Arc<AtomicBool>,
         begun_ns: Nanos,
     ) -> Result<Self> {
-        let [width, height] = camera.field_size()?;
+        let of_rig = rig.sensor(camera.id);
+        let [width, height] = of_rig.field_size()?;
         let (outbox, inbox) = sync_channel(1);
         let (spare, spares) = channel();
         let has_parity = stream.parity.is_some();
-        let expected = Expected { frame_px: camera.size_px, field_hz: rig.field_hz, has_parity };
+        let (frame_px, scan) = (camera.size_px, of_rig.scan);
+        let expected = Expected { frame_px, scan, field_hz: rig.field_hz, has_parity };
         let (path, stop) = (stream.path.clone(), Arc::clone(stop));
         let reader = Reader { path, expected, outbox, spare: spares, rope, stop };
         let thread = std::thread::Builder::new().name(format!("camera-{}", camera.id));
         thread.spawn(move || reader.run()).context("a thread for a camera")?;
         let source = stream.to_string();
         let lines = region::lines(rig, camera).min(height) as u32;
-        let field_px = [width as u32, height as u32];
         Ok(Feed {
-            sensor: Sensor { camera: camera.id, field_px, lines, line_period_ns: rig.line_ns },
+            sensor: Sensor { of_rig, width: width as u32, lines },
             condition: Condition::new(format!("camera {} ({source})", camera.id)),
             source,
             first_parity: stream.parity.unwrap_or(0),
@@ -143,7 +145,7 @@ impl Feed {
 
     /// Its id in the rig.
     pub(super) fn camera(&self) -> u32 {
-        self.sensor.camera
+        self.sensor.of_rig.camera
     }
 
     /// Takes in what the reader has brought, up to a picture that waits for its instant.
@@ -154,7 +156,7 @@ impl Feed {
                 Told::Opened { is_file, note } => {
                     self.is_file = Some(is_file);
                     if let Some(note) = note {
-                        tracing::warn!("camera {} ({}) {note}", self.sensor.camera, self.source);
+                        tracing::warn!("camera {} ({}) {note}", self.sensor.of_rig.camera, self.source);
                     }
                 }
                 Told::Picture(pictured) => self.hold(pictured, now),
@@ -216,7 +218,8 @@ impl Feed {
             let is_done = held.taken == parities.len();
             if let Place::Taken { number, delay_ns } = place {
                 let frame = parities.len() > 1;
-                let parity = if frame { parities[i] } else { parity_of(number, self.first_parity) };
+                let by_number = || self.sensor.of_rig.parity(number, self.first_parity);
+                let parity = if frame { parities[i] } else { by_number() };
                 let lines = if frame { [parity as usize, 2] } else { [0, 1] };
                 let header = self.sensor.header(clock, number, parity);
                 send(&Field { header, picture: &pictured.picture, lines })?;
@@ -290,7 +293,7 @@ impl Feed {
     pub(super) fn delivery(&self, reached: u64) -> Delivery {
         let counts = self.condition.counts.iter().filter(|(k, _)| !matches!(k, Kind::Awaited | Kind::Over));
         Delivery {
-            camera: self.sensor.camera,
+            camera: self.sensor.of_rig.camera,
             source: self.source.clone(),
             fields: self.tally.fields,
             late: self.tally.late,

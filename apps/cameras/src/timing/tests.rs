@@ -5,13 +5,7 @@ use proptest::prelude::*;
 
 const MS: u64 = 1_000_000;
 const P: u64 = 20 * MS;
-const CLOCK: Clock = Clock {
-    start_ns: 7_000 * MS,
-    period_ns: P,
-    exposed_before_ns: 20_432_000,
-    lines_ns: 18_432_000,
-    patience_ns: 3 * MS,
-};
+const CLOCK: Clock = Clock { start_ns: 7_000 * MS, period_ns: P, lines_ns: 18_432_000, patience_ns: 3 * MS };
 
 /// Numbers of fields that come at these instants after the start, ms, and are looked at when they come.
 fn placed(numbering: &mut Numbering, at_ms: impl IntoIterator<Item = u64>) -> Vec<Option<u64>> {
@@ -26,10 +20,9 @@ fn placed(numbering: &mut Numbering, at_ms: impl IntoIterator<Item = u64>) -> Ve
 }
 
 #[test]
-fn a_field_is_exposed_and_read_out_as_the_rig_says() {
+fn a_field_is_read_out_as_the_rig_says() {
     assert_eq!(CLOCK.read_out(3), CLOCK.start_ns + 3 * P);
     assert_eq!(CLOCK.read_out(3) - CLOCK.first_line(3), 288 * 64_000);
-    assert_eq!(CLOCK.read_out(3) - CLOCK.exposed(3), 288 * 64_000 + 2 * MS);
 }
 
 #[test]
@@ -42,7 +35,7 @@ fn what_waited_in_the_pipe_has_no_delay_and_what_came_later_has_its_own() {
 
 #[test]
 fn a_field_waits_for_those_of_the_others_as_long_as_the_budget_allows() {
-    assert_eq!(patience_ns(P, CLOCK.exposed_before_ns, 25 * MS), 25 * MS - 20_432_000 - HARDWARE_NS);
+    assert_eq!(patience_ns(P, 20_432_000, 25 * MS), 25 * MS - 20_432_000 - HARDWARE_NS);
     assert_eq!(patience_ns(5 * MS, 3 * MS, 25 * MS), 5 * MS / 2, "no longer than half a period");
     assert_eq!(patience_ns(P, 24 * MS, 25 * MS), 0);
     let mut numbering = Numbering::default();
@@ -89,12 +82,6 @@ fn a_pipe_that_is_opened_again_goes_on_with_the_number_of_its_arrival() {
     assert_eq!(placed(&mut numbering, [3_021]), [Some(152)], "no number comes twice");
 }
 
-#[test]
-fn parity_alternates_with_the_number() {
-    assert_eq!([0, 1, 2, 3].map(|k| parity_of(k, 0)), [0, 1, 0, 1]);
-    assert_eq!([0, 1, 1_000_001].map(|k| parity_of(k, 1)), [1, 0, 0]);
-}
-
 proptest! {
     #[test]
     fn numbers_grow_and_none_is_taken_beyond_its_time(
@@ -116,11 +103,5 @@ proptest! {
             }
             prop_assert_eq!(numbering.next() > 0, true);
         }
-    }
-
-    #[test]
-    fn parities_of_neighbours_differ(number in 0u64..u64::MAX, first in 0u32..2) {
-        prop_assert_ne!(parity_of(number, first), parity_of(number + 1, first));
-        prop_assert_eq!(parity_of(0, first), first);
     }
 }

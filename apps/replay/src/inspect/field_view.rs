@@ -143,7 +143,7 @@ impl Panel {
     fn caption(&self) -> String {
         let used = self.blobs.iter().filter(|b| b.matched.outcome().is_used()).count();
         let (all, missed) = (self.blobs.len(), self.missed.len());
-        let lines = if self.parity == 0 { "even" } else { "odd" };
+        let lines = ["even", "odd", "all"].get(self.parity as usize).unwrap_or(&"?");
         format!(
             "camera {}, field {} ({lines}): {used} of {all} blobs used, {missed} markers unseen",
             self.camera, self.field

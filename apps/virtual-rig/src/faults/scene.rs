@@ -104,7 +104,7 @@ impl FaultInjector {
         if let Some(flicker) = self.of(&self.spec.flicker, FaultKind::Flicker, camera) {
             let phase = TAU * self.sampler.draw(FaultKind::Flicker, 0, 0).uniform(0);
             // The exposure averages over a part of the lamp's period.
-            let part = PI * flicker.hz * self.exposure_s;
+            let part = PI * flicker.hz * self.exposure_s[camera as usize];
             let left = if part > 0.0 { libm::sin(part) / part } else { 1.0 };
             light.gain = 1.0 + flicker.depth * left * libm::cos(TAU * flicker.hz * t + phase);
         }

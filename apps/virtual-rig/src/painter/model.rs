@@ -1,6 +1,7 @@
 //! The image model: mean and variance of a pixel.
 //!
-//! A field `k` samples the light on the lines `2·y + (k mod 2)` of the frame. With a marker's
+//! A field `k` samples the light on the lines `2·y + (k mod 2)` of the frame, or on all where it is progressive; then
+//! `b²/4` below is `b²`. With a marker's
 //! outline an ellipse of centre `c` (px of the field, column and line) and shape `Q`
 //! (`dᵀ·Q⁻¹·d = 1` on the outline), the luma of pixel `p` has the mean
 //!
@@ -30,7 +31,9 @@
 //! last.
 
 use super::{FieldPicture, Light, Patch};
+use protocol::blobs::{WHOLE_FRAME, field_line};
 use protocol::fields::DARK;
+use rig::sensor::Scan;
 
 use nalgebra::{Matrix2, Vector2};
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
@@ -84,6 +87,8 @@ pub struct ImageModel {
     pub crosstalk: f64,
     /// Motion blur over the exposure.
     pub motion: bool,
+    /// Which lines of the frame a field has.
+    pub scan: Scan,
 }
 
 impl Default for ImageModel {
@@ -100,11 +105,31 @@ impl Default for ImageModel {
             chroma_blur_px: 1.38,
             crosstalk: 0.02,
             motion: true,
+            scan: Scan::Interlaced,
         }
     }
 }
 
 impl ImageModel {
+    /// Of a camera: what has no lines between its lines does not come through a PAL coder either, so that colours are
+    /// as sharp as the sensor's filters leave them and nothing of a carrier is left.
+    pub fn of_scan(scan: Scan) -> Self {
+        match scan {
+            Scan::Interlaced => Self::default(),
+            Scan::Progressive => ImageModel { scan, chroma_blur_px: 0.5, crosstalk: 0.0, ..Self::default() },
+        }
+    }
+
+    /// Lines of the frame for each line of a field.
+    pub(super) fn per_row(&self) -> f64 {
+        if self.scan == Scan::Progressive { 1.0 } else { 2.0 }
+    }
+
+    /// Parity of field `number`.
+    fn parity(&self, number: u64) -> u32 {
+        if self.scan == Scan::Progressive { WHOLE_FRAME } else { (number & 1) as u32 }
+    }
+
     /// Expected luma of the pixel in `column` and `line` of field `number`, with one marker in it,
     /// in a field of `size_px` (columns, lines). Not clipped to the converter's range.
     pub fn mean_luma(&self, patch: &Patch, number: u64, size_px: [usize; 2], column: f64, line: f64) -> f64 {
@@ -231,15 +256,16 @@ pub(super) struct Disc {
 impl Disc {
     /// The patch in field `number` under `light`; `None` where its outline is no area.
     pub(super) fn of(model: &ImageModel, patch: &Patch, number: u64, light: &Light) -> Option<Self> {
-        // Lines of the field lie two lines of the frame apart.
-        let squeeze = Matrix2::new(1.0, 0.0, 0.0, 0.5);
+        // Lines of the field lie two lines of the frame apart, where it is interlaced.
+        let per_row = model.per_row();
+        let squeeze = Matrix2::new(1.0, 0.0, 0.0, 1.0 / per_row);
         let shape = squeeze * patch.image.shape_px2 * squeeze;
         let centre = patch.image.centre_px;
         let smear = if model.motion { squeeze * patch.smear_px } else { Vector2::zeros() };
         let parts = ((smear.norm() / WHOLE_SMEAR_PX).ceil() as usize).clamp(1, MOST_PARTS);
         let part = smear / parts as f64;
         let pixel = 1.0 / 12.0;
-        let lens = Vector2::new(model.blur_px, model.blur_px / 2.0).map(|b| b * b + pixel);
+        let lens = Vector2::new(model.blur_px, model.blur_px / per_row).map(|b| b * b + pixel);
         let spread = Matrix2::from_diagonal(&lens) + part * part.transpose() / 12.0;
         // A chroma sample is two pixels wide and the mean of two lines.
         let wide = model.chroma_blur_px * model.chroma_blur_px;
@@ -247,7 +273,7 @@ impl Disc {
         let metric = shape.try_inverse()?;
         Some(Disc {
             colour: light.on(patch.image.colour.reference(), patch.brightness),
-            centre: Vector2::new(centre.x, (centre.y - (number & 1) as f64) / 2.0),
+            centre: Vector2::new(centre.x, field_line(centre.y, model.parity(number))),
             half: Vector2::new(shape.m11.sqrt(), shape.m22.sqrt()),
             luma_edge: Edge::new(spread, &metric, &smear),
             chroma_edge: Edge::new(spread + chroma, &metric, &smear),

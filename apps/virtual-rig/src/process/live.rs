@@ -204,7 +204,8 @@ impl Ears {
             let at_rest = ControlSample::at_rest(&mut rig.surgeon.motion, field.field);
             rig.send_controls(&at_rest)?;
         }
-        field.read_out_ns = field.exposed_ns.saturating_add(rig.rig.read_out_ns()).min(at);
+        field.read_out_ns =
+            field.exposed_ns.saturating_add(rig.rig.sensor(field.camera).read_out_ns()).min(at);
         rig.shell.inject_delay();
         rig.send(field)
     }

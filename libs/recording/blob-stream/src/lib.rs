@@ -11,7 +11,7 @@ pub mod live;
 pub mod poses_csv;
 
 use bytemuck::Zeroable;
-use protocol::blobs::{Blob, BlobField, Colour, DEFAULT_VARIANCE_PX2};
+use protocol::blobs::{Blob, BlobField, Colour, DEFAULT_VARIANCE_PX2, WHOLE_FRAME};
 use protocol::file::looks_like;
 use protocol::file::open;
 use protocol::limits::MAX_CAMERAS;
@@ -180,7 +180,7 @@ fn parse<B: DeserializeOwned>(text: &str, file: &str, line: u64) -> Result<(Fiel
 fn check_head(head: &FieldHead) -> Result<(), String> {
     let defect = [
         (head.cam as usize >= MAX_CAMERAS, "cam", "0 to 7", u64::from(head.cam)),
-        (head.parity > 1, "parity", "0 or 1", u64::from(head.parity)),
+        (head.parity > WHOLE_FRAME, "parity", "0, 1 or 2 (whole frames)", u64::from(head.parity)),
         (head.t_ns == 0, "t_ns", "an instant above 0", 0),
     ];
     match defect.into_iter().find(|d| d.0) {
@@ -378,7 +378,7 @@ mod tests {
     #[test]
     fn defects_are_named_with_file_and_line() {
         let cases = [
-            ("\"parity\":1", "\"parity\":2", "parity: expected 0 or 1, found 2"),
+            ("\"parity\":1", "\"parity\":3", "parity: expected 0, 1 or 2 (whole frames), found 3"),
             ("\"cam\":1", "\"cam\":8", "cam: expected 0 to 7, found 8"),
             ("\"t_ns\":48051108", "\"t_ns\":-4", "invalid value"),
             ("\"t_ns\":48051108", "\"t_ns\":0", "t_ns"),
@@ -465,7 +465,7 @@ mod tests {
         #[test]
         fn fields_round_trip(
             numbers in prop::collection::vec((-1e4..1e4f64, -1e4..1e4f64, 0.0..1e4f64, 1e-9..1.0f64, 1u32..8), 0..64),
-            seq in any::<u64>(), camera in 0u32..8, parity in 0u32..2,
+            seq in any::<u64>(), camera in 0u32..8, parity in 0u32..3,
         ) {
             let mut field = BlobField::zeroed();
             (field.field, field.camera, field.parity, field.exposed_ns) = (seq, camera, parity, seq | 1);

@@ -191,7 +191,8 @@ fn live_streams() -> Vec<Vec<u8>> {
 }
 
 fn live_pictures(bytes: &[u8]) {
-    let expected = Expected { frame_px: [8, 4], field_hz: 50.0, has_parity: false };
+    let expected =
+        Expected { frame_px: [8, 4], scan: rig::sensor::Scan::Interlaced, field_hz: 50.0, has_parity: false };
     let Ok(mut stream) = PictureStream::open(bytes, expected) else { return };
     let mut picture = Picture::default();
     while let Ok(true) = stream.read(&mut picture) {

@@ -130,7 +130,7 @@ fn module(bytes: &[u8]) {
 fn rig(bytes: &[u8]) {
     if let Ok(rig) = Rig::parse(&lossy(bytes), "f") {
         assert_eq!(rig, Rig::parse(&rig.to_json(), "again").expect("what was read is written readably"));
-        black_box((rig.field_period_ns(), rig.read_out_ns(), rig.cameras()));
+        black_box((rig.field_period_ns(), rig.read_out_ns(), rig.cameras(), rig.field_bytes()));
     }
 }
 

@@ -1,7 +1,7 @@
 //! What undoes a cause without a parameter, or with one: changes of the blobs or of the rig.
 
 use super::Cause;
-use protocol::blobs::{BlobField, Colour};
+use protocol::blobs::{BlobField, Colour, WHOLE_FRAME};
 use rig::Rig;
 use std::collections::BTreeSet;
 
@@ -45,7 +45,9 @@ fn undo(cause: &Cause, field: &mut BlobField) {
                 blob.colour = exchanged(colours.map(|c| c as u32), blob.colour);
             }
         }
-        Cause::ParitySwapped { camera } if is_it(camera, field.camera) => field.parity ^= 1,
+        Cause::ParitySwapped { camera } if is_it(camera, field.camera) => {
+            field.parity ^= u32::from(field.parity < WHOLE_FRAME);
+        }
         Cause::ClockShifted { camera, by_ms } if *camera == field.camera => {
             let shift = (by_ms * 1e6) as i64;
             field.exposed_ns = field.exposed_ns.saturating_add_signed(-shift).max(1);
