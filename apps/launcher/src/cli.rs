@@ -55,6 +55,8 @@ pub enum Command {
     Pedal(ForwardArgs),
     /// Show what the handles send, or calibrate their jaws.
     Handles(ForwardArgs),
+    /// Look at a rig file: what its cameras see, and what is missing.
+    Rig(ForwardArgs),
     /// Measure what a part costs on this machine.
     Bench(ForwardArgs),
     /// Judge reports of runs by their latency budgets.
@@ -85,6 +87,7 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Colours(args) => forward::to(CAMERA, "vitreo", Some("colours"), &cli.settings, args),
         Command::Hardware(args) => forward::to(CAMERA, "vitreo", Some("hardware"), &cli.settings, args),
         Command::Vectors(args) => forward::to(CAMERA, "vitreo", Some("vectors"), &cli.settings, args),
+        Command::Rig(args) => forward::to(CALIBRATION, "vitreo", Some("rig"), &cli.settings, args),
         Command::Calibrate(args) => forward::to(CALIBRATION, "vitreo calibrate", None, &cli.settings, args),
         Command::Pedal(args) => forward::to(CONTROLS, "vitreo", Some("pedal"), &cli.settings, args),
         Command::Handles(args) => forward::to(CONTROLS, "vitreo", Some("handles"), &cli.settings, args),

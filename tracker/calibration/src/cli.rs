@@ -1,5 +1,6 @@
 //! `vitreo calibrate`: the command line of the calibrations.
 
+mod rig_file;
 mod stream;
 mod target;
 
@@ -51,12 +52,16 @@ pub enum Task {
     Pivot(stream::PivotArgs),
     /// Whether a rig still holds, from a recent stream; exit code 5 if it has drifted.
     Drift(stream::DriftArgs),
+    /// Looks at rig files; `vitreo rig`.
+    #[command(hide = true)]
+    Rig(rig_file::RigFileArgs),
 }
 
 impl Task {
-    /// What a calibration writes and the files that it reads.
-    fn files(&self) -> (&OutputArgs, Vec<&PathBuf>) {
-        match self {
+    /// Looks at what will be written, and that it is none of the files that are read.
+    fn claim(&self) -> anyhow::Result<()> {
+        let (output, inputs): (_, Vec<&PathBuf>) = match self {
+            Task::Rig(a) => return a.claim(),
             Task::Intrinsics(a) => (&a.output, a.pictures.iter().chain(&a.points).chain(&a.rig).collect()),
             Task::Stereo(a) => {
                 (&a.output, a.left.iter().chain(&a.right).chain(&a.points).chain(&a.rig).collect())
@@ -68,7 +73,8 @@ impl Task {
             Task::Waved(a) => (&a.output, std::iter::once(&a.stream).chain(&a.from.rig).collect()),
             Task::Pivot(a) => (&a.output, a.stream.iter().chain(&a.poses).chain(&a.from.rig).collect()),
             Task::Drift(a) => (&a.output, std::iter::once(&a.stream).chain(&a.from.rig).collect()),
-        }
+        };
+        output.claim(&inputs)
     }
 }
 
@@ -125,13 +131,12 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 /// Runs a calibration. Exit codes: 0 done, 1 failed or refused, 5 a check found that the rig has
-/// moved.
+/// moved, or lacks something.
 ///
 /// # Errors
 /// As the calibration run.
 pub fn run(args: &CalibrateArgs) -> anyhow::Result<ExitCode> {
-    let (output, inputs) = args.task.files();
-    output.claim(&inputs)?;
+    args.task.claim()?;
     match &args.task {
         Task::Intrinsics(args) => target::intrinsics(args),
         Task::Stereo(args) => target::stereo(args),
@@ -139,6 +144,7 @@ pub fn run(args: &CalibrateArgs) -> anyhow::Result<ExitCode> {
         Task::Waved(args) => stream::waved(args),
         Task::Pivot(args) => stream::pivot(args),
         Task::Drift(args) => stream::drift(args),
+        Task::Rig(args) => rig_file::run(args),
     }
 }
 

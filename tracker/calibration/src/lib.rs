@@ -25,6 +25,7 @@ pub mod pose_file;
 pub mod report;
 pub mod residual_plot;
 pub mod rig_output;
+pub mod rig_view;
 pub mod self_calibration;
 pub mod solve;
 pub mod target_problem;
