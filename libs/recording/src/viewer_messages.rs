@@ -1,6 +1,6 @@
 //! Messages in Foxglove's own schemas, which viewers show as they are.
 
-mod annotations;
+pub(super) mod annotations;
 pub mod rig;
 
 use super::{Item, Note, NoteKind};
@@ -63,8 +63,8 @@ pub(super) fn schema(topic: usize) -> Option<Schema> {
 }
 
 /// The messages of an item for viewers, each with the index of its topic. `realtime_offset_ns` is added to
-/// instants, see [`super::Provenance::realtime_offset_ns`].
-pub(super) fn encode(item: &Item, realtime_offset_ns: u64) -> Vec<(usize, Vec<u8>)> {
+/// instants, see [`super::Provenance::realtime_offset_ns`]; of one frame in `annotated` the matches are shown.
+pub(super) fn encode(item: &Item, realtime_offset_ns: u64, annotated: u64) -> Vec<(usize, Vec<u8>)> {
     let clock = Clock(realtime_offset_ns);
     match item {
         Item::Poses(frame) => one(TRANSFORMS, transforms(frame, clock)),
@@ -80,7 +80,7 @@ pub(super) fn encode(item: &Item, realtime_offset_ns: u64) -> Vec<(usize, Vec<u8
             one(2, Some(image))
         }
         Item::Matches(frame) => {
-            let shown = annotations::of_frame(frame, clock.timestamp(frame.exposed_ns));
+            let shown = annotations::of_frame(frame, annotated, clock.timestamp(frame.exposed_ns));
             shown.flat_map(|(camera, message)| one(OF_CAMERAS + camera, Some(message))).collect()
         }
         _ => Vec::new(),

@@ -8,9 +8,11 @@ use super::chunks::Chunks;
 use super::disk::{Disk, Medium, NamedFile};
 use super::packing::Packing;
 use super::parts::{GOES_ON, Numbers, PartOf};
+use super::viewer_messages::annotations;
 use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, checksum, record, viewer_messages};
 use mcap::WriteOptions;
 use mcap::records::{MessageHeader, Metadata};
+use protocol::limits::FIELD_PERIOD_NS;
 use protocol::time::Nanos;
 use rig::Rig;
 use std::collections::BTreeMap;
@@ -47,6 +49,8 @@ pub struct Writer {
     realtime_offset_ns: u64,
     /// The rig, for viewers; `None` for one that is none.
     rig: Option<Rig>,
+    /// Of one frame in so many the matches are shown in viewers.
+    annotated: u64,
     /// Log time from which on the rig is due again, ns.
     rig_due_ns: Nanos,
     /// When [`Writer::flush_aged`] first saw the open chunk.
@@ -124,6 +128,7 @@ impl Writer {
         let mut disk = Disk::new(file.clone(), medium);
         disk.put(chunks.take(), 0);
         disk.settle()?;
+        let rig = Rig::parse(&provenance.rig_json, "of the recording").ok();
         Ok(Writer {
             file,
             chunks,
@@ -134,7 +139,8 @@ impl Writer {
             sequences: BTreeMap::new(),
             message: Vec::new(),
             realtime_offset_ns: provenance.realtime_offset_ns(),
-            rig: Rig::parse(&provenance.rig_json, "of the recording").ok(),
+            annotated: annotations::one_in(rig.as_ref().map_or(FIELD_PERIOD_NS, Rig::field_period_ns)),
+            rig,
             rig_due_ns: 0,
             open_since: None,
             open: 0,
@@ -190,7 +196,7 @@ impl Writer {
         let log_time = log_time_ns.wrapping_add(self.realtime_offset_ns);
         self.append(self.channels[item.topic_index()], number, log_time)?;
         self.open += counts;
-        let mut shown = viewer_messages::encode(item, self.realtime_offset_ns);
+        let mut shown = viewer_messages::encode(item, self.realtime_offset_ns, self.annotated);
         if let Some(rig) = self.rig.as_ref().filter(|_| log_time_ns >= self.rig_due_ns) {
             shown.extend(viewer_messages::rig::encode(rig, log_time_ns, self.realtime_offset_ns));
             self.rig_due_ns = log_time_ns.saturating_add(viewer_messages::rig::EVERY_NS);

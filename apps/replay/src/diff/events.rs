@@ -5,8 +5,8 @@ use protocol::events::Event;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Fields by which paired events may be apart: a step that slipped by a few frames is still the same event.
-const NEAR_FIELDS: u64 = 5;
+/// Time by which paired events may be apart, ns: a step that slipped by a few frames is still the same event.
+const NEAR_NS: u64 = 100_000_000;
 /// Unpaired events that are listed.
 const LISTED: usize = 100;
 
@@ -30,7 +30,7 @@ pub struct Unpaired {
 pub struct EventFigures {
     /// Events that are the same to the bit.
     pub identical: u64,
-    /// Events of the same kind and instrument within five fields, with another figure, place or field.
+    /// Events of the same kind and instrument within 100 ms, with another figure, place or field.
     pub shifted: u64,
     /// Events that only one recording has.
     pub unpaired: u64,
@@ -71,12 +71,13 @@ pub fn compare(a: &Side, b: &Side, number_offset: i64) -> EventFigures {
     // By kind and instrument, in the order in which they came.
     let mut open: BTreeMap<(u32, u32), Vec<&Event>> = BTreeMap::new();
     b.events.iter().for_each(|e| open.entry((e.kind, e.instrument)).or_default().push(e));
+    let near_fields = near_fields(a.period_ns());
     let mut alone = Vec::new();
     for event in &a.events {
         let field = event.field.wrapping_add_signed(number_offset);
         let candidates = open.entry((event.kind, event.instrument)).or_default();
         let nearest = candidates.iter().enumerate().min_by_key(|(_, e)| e.field.abs_diff(field));
-        match nearest.filter(|(_, e)| e.field.abs_diff(field) <= NEAR_FIELDS).map(|(at, _)| at) {
+        match nearest.filter(|(_, e)| e.field.abs_diff(field) <= near_fields).map(|(at, _)| at) {
             Some(at) => pair(event, candidates.remove(at), field, &mut figures),
             None => alone.push(('A', event, a.start_ns())),
         }
@@ -92,6 +93,11 @@ pub fn compare(a: &Side, b: &Side, number_offset: i64) -> EventFigures {
     figures.unpaired_list =
         alone.iter().take(LISTED).map(|(side, event, start)| unpaired(*side, event, *start)).collect();
     figures
+}
+
+/// Fields of cameras of this period within [`NEAR_NS`].
+fn near_fields(period_ns: u64) -> u64 {
+    (NEAR_NS / period_ns.max(1)).max(1)
 }
 
 fn pair(a: &Event, b: &Event, field: u64, figures: &mut EventFigures) {
@@ -129,4 +135,15 @@ impl EventFigures {
 fn unpaired(only_in: char, event: &Event, start_ns: u64) -> Unpaired {
     let at_s = event.exposed_ns.saturating_sub(start_ns) as f64 * 1e-9;
     Unpaired { only_in, kind: kind(event), field: event.field, at_s, text: event.describe() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::near_fields;
+
+    #[test]
+    fn paired_events_are_near_in_time_whatever_the_rate() {
+        assert_eq!([40_000_000, 20_000_000, 5_000_000, 2_000_000].map(near_fields), [2, 5, 20, 50]);
+        assert_eq!([0, u64::MAX].map(near_fields), [100_000_000, 1]);
+    }
 }

@@ -7,17 +7,23 @@ use foxglove::messages::{CircleAnnotation, Color, ImageAnnotations, Point2, Poin
 use protocol::limits::MAX_CAMERAS;
 use protocol::matches::{BlobUse, MatchFrame, MatchedBlob, MatchedField};
 
-/// One frame in so many is shown: ten a second are enough to look at, and the whole stands on `matches`.
-const EVERY: u64 = 5;
+/// A frame is shown in so much time, ns: ten a second are enough to look at, and the whole stands on `matches`.
+const EVERY_NS: u64 = 100_000_000;
 /// Diameter of a blob's circle, px.
 const DIAMETER_PX: f64 = 14.0;
 
-/// Annotations by camera; none for frames that are not shown.
+/// One frame in so many is shown, where cameras have this period.
+pub(crate) fn one_in(period_ns: u64) -> u64 {
+    ((EVERY_NS + period_ns / 2) / period_ns.max(1)).max(1)
+}
+
+/// Annotations by camera, of one frame in `every`; none for frames that are not shown.
 pub(super) fn of_frame(
     frame: &MatchFrame,
+    every: u64,
     timestamp: Option<Timestamp>,
 ) -> impl Iterator<Item = (usize, ImageAnnotations)> {
-    let shown = frame.fields().iter().filter(|_| frame.frame.is_multiple_of(EVERY));
+    let shown = frame.fields().iter().filter(move |_| frame.frame.is_multiple_of(every));
     let known = shown.filter(|field| (field.camera as usize) < MAX_CAMERAS);
     known.map(move |field| (field.camera as usize, of_field(field, timestamp)))
 }
@@ -66,4 +72,16 @@ fn colour(outcome: BlobUse) -> Color {
         _ => [0.5; 3],
     };
     Color { r, g, b, a: 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::one_in;
+
+    #[test]
+    fn ten_frames_a_second_are_shown_at_every_rate() {
+        let periods = [40_000_000, 20_000_000, 16_666_667, 5_000_000, 2_000_000];
+        assert_eq!(periods.map(one_in), [3, 5, 6, 20, 50]);
+        assert_eq!([one_in(0), one_in(u64::MAX / 2)], [100_000_000, 1]);
+    }
 }
