@@ -225,7 +225,9 @@ fn a_driver_that_is_killed_comes_back() {
         let is_measured = |p: &TrackerFrame| p.bodies.iter().any(|b| b.validity() == Validity::Measured);
         next(&mut poses, |p| p.instants.tracked > from && is_measured(p));
         left.push(left_in(&hosted.name));
-        (random ^= random << 13, random ^= random >> 7, random ^= random << 17);
+        random ^= random << 13;
+        random ^= random >> 7;
+        random ^= random << 17;
         std::thread::sleep(Duration::from_millis(random % LIFE_MS));
         kill(child.id());
         drop((child.wait().expect("the driver ends"), watchdog));

@@ -87,7 +87,7 @@ impl Rig {
         let fits = (SHORTEST_EXPOSURE_NS..=period).contains(&sensor.exposure_ns);
         let key = named("exposure_ns", camera.exposure_ns.is_some());
         let found = format!("{} ns in a period of {period} ns", sensor.exposure_ns);
-        (!fits).then(|| (key, "at least 1000 ns and at most the period of a field", found))
+        (!fits).then_some((key, "at least 1000 ns and at most the period of a field", found))
     }
 
     /// Without colours, coloured markers cannot be told apart.

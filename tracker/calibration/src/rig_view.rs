@@ -285,7 +285,7 @@ mod tests {
         let rig = shipped();
         let mut fewer = rig.clone();
         fewer.cameras.truncate(2);
-        let [three, two] = [&rig, &fewer].map(|rig| Viewer::new(rig));
+        let [three, two] = [&rig, &fewer].map(Viewer::new);
         for tip in grid(6.0) {
             let [a, b] = [&three, &two].map(|viewer| viewer.place(0, tip));
             assert!(a.sigma_um.unwrap() < b.sigma_um.unwrap_or(f64::MAX), "{a:?} {b:?}");
