@@ -21,7 +21,7 @@ use std::ffi::{CStr, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// A wait that never ends by itself.
+/// Nanoseconds of a millisecond.
 const NS_PER_MS: u64 = 1_000_000;
 
 thread_local! {
