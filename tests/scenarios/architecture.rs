@@ -61,7 +61,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("cameras", &["protocol", "ipc", "rig", "scene", "settings", "fpga-model"]),
     ("controls", &["protocol", "ipc", "outputs", "rig", "settings", "scene"]),
     ("igtl", &[]),
-    ("bridge", &["protocol", "ipc", "outputs", "settings", "igtl"]),
+    ("bridge", &["protocol", "ipc", "outputs", "settings", "igtl", "driver"]),
     (
         "launcher",
         &[

@@ -8,7 +8,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, ChildStderr, Command, Stdio};
-use vitreo_tests::{WATCHDOG, Watchdog, binaries, instance_name, interrupt, vitreo};
+use vitreo_tests::{Running, WATCHDOG, Watchdog, binaries, instance_name, interrupt, repository, vitreo};
 
 /// Clients that never read.
 const DEAF: usize = 10;
@@ -24,16 +24,18 @@ struct Bridge {
 }
 
 impl Bridge {
-    fn start(instance: &str) -> Self {
+    /// Starts it, and waits until it says where it is.
+    fn start(args: &[&str], told: &str) -> Self {
         let mut child = Command::new(binaries().join("vitreo"))
-            .args(["bridge", "--igtl", "0", "--instance", instance])
+            .arg("bridge")
+            .args(args)
             .env("XDG_CONFIG_HOME", "/nonexistent")
             .stderr(Stdio::piped())
             .spawn()
             .expect("vitreo starts");
         let watchdog = Watchdog::on(child.id());
         let mut log = BufReader::new(child.stderr.take().expect("piped"));
-        let told = line_with(&mut log, "OpenIGTLink on ");
+        let told = line_with(&mut log, told);
         let address = told.rsplit(' ').next().expect("an address").trim().to_owned();
         Bridge { child, watchdog, log, address }
     }
@@ -93,7 +95,7 @@ fn recorded(file: &Path) -> BTreeMap<u64, TrackerFrame> {
 #[test]
 fn a_client_gets_the_poses_that_are_recorded_though_others_do_not_read() {
     let name = instance_name();
-    let mut bridge = Bridge::start(&name);
+    let mut bridge = Bridge::start(&["--igtl", "0", "--instance", &name], "OpenIGTLink on ");
     line_with(&mut bridge.log, "waiting for the simulator");
     let deaf: Vec<TcpStream> = (0..DEAF).map(|_| bridge.connect()).collect();
     let stream = bridge.connect();
@@ -143,10 +145,56 @@ fn a_client_gets_the_poses_that_are_recorded_though_others_do_not_read() {
     assert!(rest.contains("frames handed on, 0 lost"), "{rest}");
 }
 
+/// Another tracker is played by a run of our own.
+#[test]
+fn another_tracker_drives_a_run() {
+    let (other, name) = (instance_name(), instance_name());
+    let bridge = Bridge::start(&["--igtl", "0", "--instance", &other], "OpenIGTLink on ");
+    let folder = tempfile::tempdir().expect("folder");
+    let path = |name: &str| folder.path().join(name).to_str().expect("UTF-8").to_owned();
+    let (theirs, ours) = (path("theirs.mcap"), path("ours.mcap"));
+    let rig = repository().join("assets/rig.json");
+    let run = |args: &[&str], record: &str| {
+        Running::start(&[&["run", "--no-picture"], args, &["--record", record]].concat())
+    };
+    let rig = rig.to_str().expect("UTF-8");
+    let driven = run(&["--external", "poses", "--rig", rig, "--instance", &name, "--duration", "3"], &ours);
+    let from = format!("igtl:{}", bridge.address);
+    let driver = Bridge::start(&["--from", &from, "--instance", &name], "connected to ");
+    let tracker = run(&["--direct", "--instance", &other], &theirs);
+    // The run verifies.
+    let done = driven.finish();
+    assert!(matches!(done.code, Some(0 | 3)), "{done:?}");
+    interrupt(tracker.pid());
+    tracker.finish();
+    let rest = driver.end();
+    assert!(rest.contains("frames sent"), "{rest}");
+    bridge.end();
+
+    // An instant goes through the protocol's fractions of a second and another look at the wall clock.
+    let theirs: BTreeMap<u64, TrackerFrame> =
+        recorded(Path::new(&theirs)).into_values().map(|f| (f.instants.exposed / 1_000_000, f)).collect();
+    let mut compared = 0;
+    for frame in recorded(Path::new(&ours)).into_values() {
+        let at = (frame.instants.exposed + 500_000) / 1_000_000;
+        let Some(sent) = [at, at - 1].iter().find_map(|ms| theirs.get(ms)) else { continue };
+        for (a, b) in frame.bodies.iter().zip(&sent.bodies) {
+            if b.validity() == protocol::geometry::Validity::Measured {
+                let between = a.world_from_body.isometry().inverse() * b.world_from_body.isometry();
+                let off = (between.translation.vector.norm(), between.rotation.angle());
+                assert!(off.0 < 1e-4 && off.1 < 1e-5, "field {}: {off:?}", sent.field);
+                compared += 1;
+            }
+        }
+    }
+    println!("{compared} poses compared");
+    assert!(compared > 3 * 100, "{compared} poses were compared");
+}
+
 #[test]
 fn who_does_not_speak_openigtlink_is_told_and_closed() {
     use std::io::Write;
-    let bridge = Bridge::start(&instance_name());
+    let bridge = Bridge::start(&["--igtl", "0", "--instance", &instance_name()], "OpenIGTLink on ");
     let mut browser = bridge.connect();
     browser.write_all(&b"GET / HTTP/1.1\r\nHost: here\r\n\r\n".repeat(3)).expect("sent");
     let mut answer = Vec::new();
@@ -170,6 +218,8 @@ fn an_address_that_cannot_be_used_is_named() {
         (&["bridge"][..], "--igtl"),
         (&["bridge", "--igtl", "x"], "PORT or HOST:PORT"),
         (&["bridge", "--igtl", "1", "--igtl-version", "4"], "1..=3"),
+        (&["bridge", "--from", "localhost:1"], "expected igtl:HOST:PORT"),
+        (&["bridge", "--from", "igtl:h:1", "--igtl", "1"], "cannot be used with"),
     ] {
         let told = vitreo(args).expect_code(2).stderr;
         assert!(told.contains(named), "{args:?}: {told}");

@@ -1,10 +1,18 @@
-//! Poses of a running simulator for other programs, by OpenIGTLink.
+//! Poses of a running simulator for other programs, and those of another tracker for a run, by OpenIGTLink.
 //!
-//! One process, which reads the channel `poses` as a recorder does and delays nobody:
+//! Outwards, one process which reads the channel `poses` as a recorder does and delays nobody:
 //! - [`run`]: waits for a simulator, reads its poses, and goes on when it is started anew
 //! - [`transforms`]: a frame of the tracker as messages; pure
 //! - [`clients`]: sockets; a client that reads slowly misses messages, one that does not read is closed
+//!
+//! Inwards, a driver of poses:
+//! - [`map`]: which transform is which body; [`incoming`]: transforms become frames; [`motion`]: and velocities; pure
+//! - [`receive`]: the connection, and the run
 
 pub mod clients;
+pub mod incoming;
+pub mod map;
+pub mod motion;
+pub mod receive;
 pub mod run;
 pub mod transforms;

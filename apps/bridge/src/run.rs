@@ -1,6 +1,7 @@
 //! Waits for a simulator, reads its poses and hands them on, until a signal comes.
 
 use crate::clients::Clients;
+use crate::receive;
 use crate::transforms::Writer;
 use anyhow::Context;
 use ipc::clock::{now, realtime_offset_ns};
@@ -35,6 +36,9 @@ pub fn run(args: &BridgeArgs) -> anyhow::Result<ExitCode> {
     ipc::signals::listen(INTERRUPTED, move || asked.store(true, Ordering::Relaxed)).context("signals")?;
     // Refuses a name that is none before anything is opened.
     outside::invited(&args.instance)?;
+    if args.from.is_some() {
+        return receive::run(args, &stop);
+    }
     // Sockets are served by one thread; this one keeps the channel's port, which may not change threads.
     let runtime = Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
     let at = args.igtl.as_ref().context("--igtl is needed")?;

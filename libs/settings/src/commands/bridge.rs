@@ -1,6 +1,7 @@
 //! The command line of `vitreo bridge`.
 
 use std::fmt::{self, Display, Formatter};
+use std::path::PathBuf;
 use std::str::FromStr;
 
 /// Where a port without an address listens: programs of this machine alone can connect.
@@ -15,12 +16,23 @@ pub struct Listen {
     pub port: u16,
 }
 
+/// Where another tracker serves: `igtl:HOST:PORT`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Server(String);
+
 /// Arguments of `vitreo bridge`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct BridgeArgs {
     /// Serve poses by OpenIGTLink (3D Slicer, PLUS) on this port; 0.0.0.0:PORT lets other machines in.
-    #[arg(long, value_name = "[HOST:]PORT", required = true)]
+    #[arg(long, value_name = "[HOST:]PORT", required_unless_present = "from")]
     pub igtl: Option<Listen>,
+    /// Take the poses of another tracker from its server of OpenIGTLink, for a run with --external poses.
+    #[arg(long, value_name = "igtl:HOST:PORT", conflicts_with = "igtl")]
+    pub from: Option<Server>,
+    /// Which of the other tracker's transforms is which body, and how well they are known (docs/bridge.md)
+    /// [default: the names that --igtl sends].
+    #[arg(long, value_name = "MAP.toml", requires = "from")]
+    pub map: Option<PathBuf>,
     /// Version of OpenIGTLink: 3 sends the status of a body with each transform, 1 and 2 as messages beside
     /// them.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u8).range(1..=3))]
@@ -49,6 +61,27 @@ impl FromStr for Listen {
     }
 }
 
+impl FromStr for Server {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let place = text.strip_prefix("igtl:").and_then(|place| Some((place, place.rsplit_once(':')?)));
+        match place {
+            Some((place, (host, port))) if !host.is_empty() && port.parse::<u16>().is_ok_and(|p| p > 0) => {
+                Ok(Server(place.into()))
+            }
+            _ => Err(format!("expected igtl:HOST:PORT, PORT 1 to 65535, found {text:?}")),
+        }
+    }
+}
+
+impl Display for Server {
+    /// As sockets take it: `HOST:PORT`.
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
 impl Display for Listen {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         write!(f, "{}:{}", self.host, self.port)
@@ -65,6 +98,12 @@ mod tests {
             [("18944", "127.0.0.1:18944"), ("0.0.0.0:0", "0.0.0.0:0"), ("[::1]:7", "[::1]:7")]
         {
             assert_eq!(text.parse::<Listen>().unwrap().to_string(), shown);
+        }
+        for (text, shown) in [("igtl:localhost:18944", "localhost:18944"), ("igtl:[::1]:7", "[::1]:7")] {
+            assert_eq!(text.parse::<Server>().unwrap().to_string(), shown);
+        }
+        for text in ["", "localhost:18944", "igtl:18944", "igtl::7", "igtl:host:0", "igtl:host:x"] {
+            assert!(text.parse::<Server>().unwrap_err().contains("expected igtl:HOST:PORT"), "{text}");
         }
         for text in ["", "x", "65536", ":7", "host:", "-1"] {
             let told = text.parse::<Listen>().unwrap_err();
