@@ -176,8 +176,8 @@ mod tests {
     use super::*;
     use tokio::runtime::Builder;
 
-    /// Frames that are larger than all buffers between two programs.
-    const LARGE: usize = 1 << 20;
+    /// Frames that together are larger than all buffers between two programs.
+    const LARGE: usize = 256 << 10;
     const FRAMES: usize = 40;
 
     #[test]
