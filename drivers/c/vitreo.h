@@ -167,8 +167,9 @@ typedef uint32_t VitreoBodyStatus;
 #endif // __cplusplus
 
 // The processes of a simulator. The desk takes the place of virtual rig, camera hardware and
-// tracker; the camera hardware runs where there are pixels to scan. Drivers are programs of other makers, which
-// the launcher does not start; each is named for the channel that it sends on.
+// tracker; the camera hardware runs where there are pixels to scan, controls where pedal or handles are real.
+// Drivers are programs of other makers, which the launcher does not start; each is named for the channel that
+// it sends on.
 enum VitreoProcess
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
   : uint32_t
@@ -180,6 +181,7 @@ enum VitreoProcess
   VITREO_PROCESS_RENDERER = 3,
   VITREO_PROCESS_DESK = 4,
   VITREO_PROCESS_VIRTUAL_RIG = 5,
+  VITREO_PROCESS_CONTROLS = 6,
   VITREO_PROCESS_BLOBS_DRIVER = 16,
   VITREO_PROCESS_FIELDS_DRIVER = 17,
   VITREO_PROCESS_HANDLES_DRIVER = 18,
@@ -248,7 +250,7 @@ typedef uint64_t VitreoNanos;
 typedef struct VitreoBlob {
   // Centre, px; column in the frame.
   double x_px;
-  // Centre, px; **line of the field** (`y_frame = 2 * y_field + parity`).
+  // Centre, px; **line of the field** ([`frame_line`]).
   double y_field_px;
   // Area, px of the field.
   double area_px;
@@ -280,7 +282,7 @@ typedef struct VitreoBlobField {
   VitreoNanos blobs_out_ns;
   // Camera id of the rig.
   uint32_t camera;
-  // 0: even lines, 1: odd lines.
+  // 0: even lines, 1: odd lines, 2: all lines ([`WHOLE_FRAME`]).
   uint32_t parity;
   // Blobs in use.
   uint32_t count;
@@ -449,9 +451,9 @@ typedef struct VitreoFieldHeader {
   uint64_t line_period_ns;
   // Camera id of the rig.
   uint32_t camera;
-  // 0: even lines, 1: odd lines.
+  // 0: even lines, 1: odd lines, 2: all lines ([`WHOLE_FRAME`]).
   uint32_t parity;
-  // [`FORMAT_YCBCR_422`].
+  // [`PixelFormat`] on the wire.
   uint32_t format;
   // Pixels a line; even.
   uint32_t width;

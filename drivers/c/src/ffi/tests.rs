@@ -47,7 +47,7 @@ fn what_is_sent_arrives_and_what_makes_no_sense_is_refused_in_words() {
         assert!(words().contains("BlobField") && words().contains("compile it again"), "{}", words());
         let odd = BlobField { parity: 9, ..blobs() };
         assert_eq!(vitreo_send_blobs(driver, &odd, size), Code::Invalid as i32);
-        assert_eq!(words(), "BlobField.parity: expected 0 or 1, found 9");
+        assert_eq!(words(), "BlobField.parity: expected 0 or 1, or 2 of a whole frame, found 9");
         let pedal = bytemuck::Zeroable::zeroed();
         assert_eq!(vitreo_send_pedal(driver, &pedal, size_of::<PedalState>()), Code::Role as i32);
         let mut frame = bytemuck::Zeroable::zeroed();
