@@ -23,6 +23,7 @@
 #define VITREO_BLOB_CLIPPED 2
 #define VITREO_BLOB_SATURATED 4
 #define VITREO_FORMAT_YCBCR_422 1
+#define VITREO_WHOLE_FRAME 2
 #define VITREO_STATE_STARTING 0
 #define VITREO_STATE_RUNNING 1
 #define VITREO_STATE_DEGRADED 2
@@ -52,6 +53,35 @@
 
 // Reads heartbeats.
 #define VITREO_READS_HEALTH 1024
+
+// How a camera gives its pixels. Names are those of V4L2 (`YUYV`) and GenICam (the others).
+enum VitreoPixelFormat
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  // YCbCr 4:2:2, in planes.
+  VITREO_PIXEL_FORMAT_YUYV = 1,
+  // Brightness alone, 0 to 255: no colours.
+  VITREO_PIXEL_FORMAT_Y8 = 2,
+  // Red, green, blue of a pixel, then of the next, 0 to 255.
+  VITREO_PIXEL_FORMAT_RGB8 = 3,
+  // One sample a pixel behind a mosaic of filters; the first line begins red, green.
+  VITREO_PIXEL_FORMAT_BAYER_RG8 = 4,
+  // The first line begins blue, green.
+  VITREO_PIXEL_FORMAT_BAYER_BG8 = 5,
+  // The first line begins green, red.
+  VITREO_PIXEL_FORMAT_BAYER_GR8 = 6,
+  // The first line begins green, blue.
+  VITREO_PIXEL_FORMAT_BAYER_GB8 = 7,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum VitreoPixelFormat VitreoPixelFormat;
+#else
+typedef uint32_t VitreoPixelFormat;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
 
 // Colour class of a marker, as in the camera's look-up table.
 enum VitreoColour

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use vitreo::layout::{BLOCKS, LAYOUT};
 
 /// Numbers of crate `protocol` that a driver needs.
-fn constants() -> [(&'static str, u64); 17] {
-    use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BLOB_SATURATED};
+fn constants() -> [(&'static str, u64); 18] {
+    use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BLOB_SATURATED, WHOLE_FRAME};
     use protocol::health::{STATE_DEGRADED, STATE_FINISHED, STATE_RUNNING, STATE_STARTING};
     use protocol::limits::{
         BODIES, INSTRUMENTS, MAX_BLOBS, MAX_CAMERAS, MAX_FIELDS_USED, OSCILLATORS, TEXT_BYTES,
@@ -29,6 +29,7 @@ fn constants() -> [(&'static str, u64); 17] {
         ("BLOB_CLIPPED", BLOB_CLIPPED.into()),
         ("BLOB_SATURATED", BLOB_SATURATED.into()),
         ("FORMAT_YCBCR_422", protocol::fields::FORMAT_YCBCR_422.into()),
+        ("WHOLE_FRAME", WHOLE_FRAME.into()),
         ("STATE_STARTING", STATE_STARTING.into()),
         ("STATE_RUNNING", STATE_RUNNING.into()),
         ("STATE_DEGRADED", STATE_DEGRADED.into()),
@@ -37,7 +38,7 @@ fn constants() -> [(&'static str, u64); 17] {
 }
 
 /// Enumerations whose values stand in blocks.
-const ENUMS: [&str; 6] = ["Colour", "Tool", "PedalMode", "Validity", "BodyStatus", "Process"];
+const ENUMS: [&str; 7] = ["PixelFormat", "Colour", "Tool", "PedalMode", "Validity", "BodyStatus", "Process"];
 /// Roles of a driver.
 const ROLES: [&str; 8] = [
     "SENDS_BLOBS",
