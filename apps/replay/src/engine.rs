@@ -40,8 +40,8 @@ pub enum Made<'a> {
 /// A recorded run under way.
 pub struct Recorded {
     pub(crate) items: Items,
-    /// None at a desk, where no tracker made the poses.
-    pub(crate) tracker: Option<(Tracker, Report)>,
+    /// None at a desk, where no tracker made the poses. On the heap: its states are large, and threads have little stack.
+    pub(crate) tracker: Option<(Box<Tracker>, Report)>,
     /// The frames, and what is missing of them.
     pub frames: Frames,
     /// The steps, and what is missing of them.
@@ -79,7 +79,7 @@ impl Recorded {
         let tuning = tuning_or_default(recording.provenance());
         Recorded {
             items: recording.items_of(&TOPICS),
-            tracker: (!desk).then(|| (Tracker::tuned(rig, true, &tuning), Report::default())),
+            tracker: (!desk).then(|| (Box::new(Tracker::tuned(rig, true, &tuning)), Report::default())),
             frames: Frames::new(rig.field_period_ns(), desk),
             steps: Steps::of(recording, world),
             damage: None,
@@ -139,7 +139,7 @@ impl Recorded {
     /// tracker knew then.
     pub(crate) fn is_before_beginning(&mut self, turn: &FrameTurn) -> bool {
         let Recorded { begins_with, tracker, frames, .. } = self;
-        is_before_beginning(begins_with, tracker.as_mut().map(|(tracker, _)| tracker), frames, turn)
+        is_before_beginning(begins_with, tracker.as_mut().map(|(tracker, _)| &mut **tracker), frames, turn)
     }
 
     /// What the tracker makes of a frame; `None` at a desk.
@@ -224,7 +224,7 @@ fn made_for(newest: &VecDeque<Arc<TrackerFrame>>, step: &StepAgain<'_>) -> Optio
 
 /// What the tracker makes of a frame; `None` at a desk.
 fn track_turn(
-    tracker: &mut Option<(Tracker, Report)>,
+    tracker: &mut Option<(Box<Tracker>, Report)>,
     turn: &mut FrameTurn,
     frames: &mut Frames,
 ) -> Option<TrackerFrame> {

@@ -61,7 +61,7 @@ type Ahead = (Read, Vec<Turn>);
 
 /// The thread that tracks.
 struct Tracking {
-    tracker: Option<(Tracker, Report)>,
+    tracker: Option<(Box<Tracker>, Report)>,
     frames: Frames,
     begins_with: Option<(TrackerCheckpointHeader, SavedState)>,
     /// Matches that were visited come back to be written over: they are large.
@@ -144,7 +144,7 @@ impl Tracking {
     fn next_turn(&mut self) -> Option<Turn> {
         let Tracking { tracker, frames, begins_with, visited } = self;
         let mut turn = frames.next_turn()?;
-        let own = tracker.as_mut().map(|(tracker, _)| tracker);
+        let own = tracker.as_mut().map(|(tracker, _)| &mut **tracker);
         let before_beginning = is_before_beginning(begins_with, own, frames, &turn);
         let leads_in = before_beginning && begins_with.is_none();
         let made = if before_beginning { None } else { track_turn(tracker, &mut turn, frames) };
