@@ -73,6 +73,8 @@ impl Tracker {
     ///
     /// # Errors
     /// [`CheckpointError`] when the encoder fails.
+    // Its copy of the states is large: not in the frame of a caller, who keeps it.
+    #[inline(never)]
     pub fn save(&self, out: &mut Vec<u8>) -> Result<(), CheckpointError> {
         out.clear();
         let mut saver = Saver(out);

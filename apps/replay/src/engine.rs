@@ -74,6 +74,8 @@ const FRAMES: usize = 32;
 
 impl Recorded {
     /// At the beginning of `recording`, in a world at the start of its scene.
+    // What it builds on its way to the heap is large: not in the frame of a caller, who keeps it.
+    #[inline(never)]
     pub fn new(recording: &Recording, rig: &Rig, world: World) -> Self {
         let desk = recording.provenance().config.contains_key(recording::DESK);
         let tuning = tuning_or_default(recording.provenance());

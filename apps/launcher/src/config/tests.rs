@@ -40,6 +40,7 @@ fn value_of(command: &clap::Command, arg: &Arg) -> String {
         "45",
         "\"info\"",
         "\"pedal\"",
+        "\"igtl:h:1\"",
     ];
     let mut tried = first.into_iter().chain(tried.map(str::to_owned));
     let entry = |value: &str| {

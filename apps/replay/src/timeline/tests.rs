@@ -190,6 +190,12 @@ fn every_step_is_reached_and_goes_on_as_if_it_had_been_played() {
 
 #[test]
 fn steps_back_lead_to_the_step_before() {
+    // Commands run on the main thread, which has four times the stack of a check's.
+    let thread = std::thread::Builder::new().stack_size(8 << 20).spawn(step_back_through_all);
+    thread.unwrap().join().unwrap();
+}
+
+fn step_back_through_all() {
     let Whole { recording, came, known: all, .. } = &*GOLDEN;
     let played = steps(came);
     let mut player = player(recording);
