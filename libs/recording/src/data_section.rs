@@ -200,20 +200,22 @@ impl DataSection {
     /// Holds an index to the chunk before it: one without its chunk tells that the chunk was lost.
     fn index(&mut self, offset: u64, body: &[u8]) -> Result<(), RecordingError> {
         const ENTRY_BYTES: usize = 16;
-        let Some(unindexed) = &mut self.unindexed else { return Ok(()) };
-        let problem = match body {
+        let (channel, count) = match body {
             [a, b, c, d, e, f, entries @ ..]
                 if u32::from_le_bytes([*c, *d, *e, *f]) as usize == entries.len()
                     && entries.len().is_multiple_of(ENTRY_BYTES) =>
             {
-                let (channel, count) = (u16::from_le_bytes([*a, *b]), (entries.len() / ENTRY_BYTES) as u64);
-                if unindexed.remove(&channel) == Some(count) {
-                    return Ok(());
-                }
-                format!("{count} messages of channel {channel} are indexed that no chunk before it holds")
+                (u16::from_le_bytes([*a, *b]), (entries.len() / ENTRY_BYTES) as u64)
             }
-            _ => "an index of messages has a wrong length".into(),
+            // Its end is not where it says, whatever stood before it.
+            _ => return Err(self.damage(offset, "an index of messages has a wrong length")),
         };
+        let Some(unindexed) = &mut self.unindexed else { return Ok(()) };
+        if unindexed.remove(&channel) == Some(count) {
+            return Ok(());
+        }
+        let problem =
+            format!("{count} messages of channel {channel} are indexed that no chunk before it holds");
         Err(self.damage(offset, problem))
     }
 

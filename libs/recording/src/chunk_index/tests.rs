@@ -129,6 +129,38 @@ fn a_file_that_was_not_closed_is_scanned() {
     assert!(!index.is_from_summary() && index.chunks().len() > 5);
 }
 
+/// Offsets and kinds of the records of a file.
+fn records_in(bytes: &[u8]) -> Vec<(usize, u8)> {
+    let (mut at, mut all) = (mcap::MAGIC.len(), Vec::new());
+    while let Some(size) = bytes.get(at + 1..at + 9) {
+        all.push((at, bytes[at]));
+        at += 9 + u64::from_le_bytes(size.try_into().unwrap()) as usize;
+    }
+    all
+}
+
+/// Places in a file that was not closed lie before the indexes of the chunk before: one whose length is wrong
+/// must not lead past the chunk that follows it.
+#[test]
+fn an_index_of_a_wrong_length_costs_no_chunk_to_who_begins_before_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    written(&path);
+    let whole = std::fs::read(&path).unwrap();
+    let (mut tried, records) = (0, records_in(&whole));
+    for at in records.windows(4) {
+        let [(_, before), (index, kind), (_, chunk), (end, _)] = *at else { unreachable!() };
+        if [before, kind, chunk] == [op::MESSAGE_INDEX, op::MESSAGE_INDEX, op::CHUNK] {
+            let mut bytes = whole[..end].to_vec();
+            bytes[index + 2] ^= 1;
+            std::fs::write(&path, &bytes).unwrap();
+            agrees(&path).unwrap();
+            tried += 1;
+        }
+    }
+    assert!(tried > 10, "{tried} indexes");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..Default::default() })]
 
