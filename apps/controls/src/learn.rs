@@ -4,7 +4,7 @@ use crate::inputs::{Input, Inputs};
 use crate::mapping::{AxisMap, Mapping, Range, ReportShape};
 use protocol::handles::PedalMode;
 use protocol::optics::PedalButton;
-use settings::commands::controls::PedalDoor;
+use settings::commands::controls::PedalInterface;
 
 /// Share of the way by which an axis must move to be meant.
 const LEAST_WAY: f64 = 0.1;
@@ -71,10 +71,10 @@ pub struct Learner {
 
 impl Learner {
     /// Nothing is known yet.
-    pub fn new(door: PedalDoor, name: &str) -> Self {
+    pub fn new(interface: PedalInterface, name: &str) -> Self {
         let (axes, buttons, modes) = (Vec::new(), Vec::new(), Vec::new());
         let (report, mode, name) = (None, PedalMode::Aspirate, name.into());
-        Learner { mapping: Mapping { name, door, report, grab: false, mode, axes, buttons, modes } }
+        Learner { mapping: Mapping { name, interface, report, grab: false, mode, axes, buttons, modes } }
     }
 
     /// Takes how the device looked with an axis of the pedal fully pressed, and let go again. Returns what
@@ -123,7 +123,7 @@ impl Learner {
     }
 
     fn shape(&mut self, seen: &Inputs) {
-        if self.mapping.door == PedalDoor::Hidraw {
+        if self.mapping.interface == PedalInterface::Hidraw {
             self.mapping.report = Some(ReportShape { bytes: seen.report().len(), id: None });
         }
     }
@@ -150,7 +150,7 @@ mod tests {
 
     #[test]
     fn an_axis_is_learnt_with_its_ends_and_a_key_beside_it_is_not_taken_for_it() {
-        let mut learner = Learner::new(PedalDoor::Evdev, "mine");
+        let mut learner = Learner::new(PedalInterface::Evdev, "mine");
         let (down, up) = (at(&[(ABS, 2, 1000), (ABS, 5, 512), (KEY, 288, 1)]), [(ABS, 2, 0), (KEY, 288, 0)]);
         let up = at(&[&up[..], &[(ABS, 5, 514)]].concat());
         assert_eq!(learner.axis(0, &down, &up), Some(Input::Axis(2)));
@@ -167,7 +167,7 @@ mod tests {
 
     #[test]
     fn reports_are_learnt_by_what_differs() {
-        let mut learner = Learner::new(PedalDoor::Hidraw, "mine");
+        let mut learner = Learner::new(PedalInterface::Hidraw, "mine");
         let bits = |first, count| Some(Input::Bits { first, count, signed: false });
         assert_eq!(learner.axis(0, &report(&[0, 0x34, 0x12, 4]), &report(&[0, 0, 0, 4])), bits(8, 16));
         assert_eq!(learner.axis(1, &report(&[0, 0, 0, 0xF4]), &report(&[0, 0, 0, 4])), bits(24, 8));
@@ -182,7 +182,7 @@ mod tests {
 
     #[test]
     fn nothing_pressed_is_nothing_learnt() {
-        let mut learner = Learner::new(PedalDoor::Evdev, "mine");
+        let mut learner = Learner::new(PedalInterface::Evdev, "mine");
         let up = at(&[(ABS, 2, 5)]);
         assert_eq!(learner.axis(0, &up, &up), None);
         assert_eq!(learner.axis(0, &Inputs::default(), &up), None, "where it was is not known");

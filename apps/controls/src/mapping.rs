@@ -11,7 +11,7 @@ use crate::inputs::{Input, Inputs};
 use protocol::handles::{PedalMode, PedalState};
 use protocol::optics::PedalButton;
 use protocol::time::Nanos;
-use settings::commands::controls::PedalDoor;
+use settings::commands::controls::PedalInterface;
 
 /// Why a mapping was refused.
 #[derive(Debug, thiserror::Error)]
@@ -86,9 +86,9 @@ pub enum Range {
 pub struct Mapping {
     /// What it is of, for people.
     pub name: String,
-    /// By which door it is read.
-    pub door: PedalDoor,
-    /// How its reports look; of [`PedalDoor::Hidraw`] alone.
+    /// By which interface of the kernel it is read.
+    pub interface: PedalInterface,
+    /// How its reports look; of [`PedalInterface::Hidraw`] alone.
     pub report: Option<ReportShape>,
     /// Nobody else gets its events while it is open, so that a pedal that is a keyboard types nothing.
     pub grab: bool,

@@ -40,7 +40,8 @@ pub enum Made<'a> {
 /// A recorded run under way.
 pub struct Recorded {
     pub(crate) items: Items,
-    /// None at a desk, where no tracker made the poses. On the heap: its states are large, and threads have little stack.
+    /// None at a desk, where no tracker made the poses. On the heap: its states are large, and threads have
+    /// little stack.
     pub(crate) tracker: Option<(Box<Tracker>, Report)>,
     /// The frames, and what is missing of them.
     pub frames: Frames,

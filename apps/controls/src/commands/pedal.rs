@@ -73,7 +73,7 @@ pub fn run(args: &PedalArgs) -> Result<()> {
             outputs::println!(
                 "{} is written; vitreo run --pedal {}{},{}",
                 file.display(),
-                args.pedal.door.prefix(),
+                args.pedal.interface.prefix(),
                 args.pedal.path.display(),
                 file.display()
             );
@@ -130,7 +130,7 @@ struct Walk<'a> {
 
 impl Walk<'_> {
     fn learn(&mut self) -> Result<Mapping> {
-        let mut learner = Learner::new(self.pedal.door(), &self.name);
+        let mut learner = Learner::new(self.pedal.interface(), &self.name);
         self.look("Let go of everything, then press Enter.")?;
         for (axis, what) in AXES.into_iter().enumerate() {
             self.step(what, |pressed, released| {

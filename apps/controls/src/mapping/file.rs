@@ -6,7 +6,7 @@ use protocol::file::{MAX_SETTINGS_BYTES, other_format, other_format_in, read_tex
 use protocol::handles::PedalMode;
 use protocol::optics::PedalButton;
 use serde::{Deserialize, Serialize};
-use settings::commands::controls::PedalDoor;
+use settings::commands::controls::PedalInterface;
 use std::fmt::Display;
 use std::path::Path;
 
@@ -38,7 +38,7 @@ pub const BUTTONS: [(&str, PedalButton); 8] = [
 pub(super) struct FileMapping {
     pub(super) format: String,
     pub(super) name: String,
-    pub(super) door: PedalDoor,
+    pub(super) interface: PedalInterface,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) report_bytes: Option<usize>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -167,8 +167,8 @@ impl FileMapping {
             return Err(defect("format", FORMAT, found));
         }
         let report = self.report()?;
-        if self.grab && self.door == PedalDoor::Hidraw {
-            return Err(defect("grab", "door = \"evdev\" with it", "door = \"hidraw\""));
+        if self.grab && self.interface == PedalInterface::Hidraw {
+            return Err(defect("grab", "interface = \"evdev\" with it", "interface = \"hidraw\""));
         }
         let input = |key: String, file: FileInput| file.of(report, &key);
         let axes = self.axes.iter().enumerate();
@@ -182,7 +182,7 @@ impl FileMapping {
             buttons: buttons.collect::<Result<_, Defect>>()?,
             modes: modes.collect::<Result<_, Defect>>()?,
             name: self.name,
-            door: self.door,
+            interface: self.interface,
             report,
             grab: self.grab,
             mode: self.mode,
@@ -194,15 +194,17 @@ impl FileMapping {
     }
 
     fn report(&self) -> Result<Option<ReportShape>, Defect> {
-        match (self.door, self.report_bytes) {
-            (PedalDoor::Evdev, None) if self.report_id.is_none() => Ok(None),
-            (PedalDoor::Evdev, _) => {
-                Err(defect("report_bytes, report_id", "door = \"hidraw\" with them", "door = \"evdev\""))
-            }
-            (PedalDoor::Hidraw, Some(bytes)) if (1..=LONGEST_REPORT).contains(&bytes) => {
+        match (self.interface, self.report_bytes) {
+            (PedalInterface::Evdev, None) if self.report_id.is_none() => Ok(None),
+            (PedalInterface::Evdev, _) => Err(defect(
+                "report_bytes, report_id",
+                "interface = \"hidraw\" with them",
+                "interface = \"evdev\"",
+            )),
+            (PedalInterface::Hidraw, Some(bytes)) if (1..=LONGEST_REPORT).contains(&bytes) => {
                 Ok(Some(ReportShape { bytes, id: self.report_id }))
             }
-            (PedalDoor::Hidraw, bytes) => {
+            (PedalInterface::Hidraw, bytes) => {
                 let found = bytes.map_or("nothing".into(), |bytes| bytes.to_string());
                 Err(defect("report_bytes", "the length of a report, 1 to 65 bytes", found))
             }
@@ -228,11 +230,11 @@ impl FileInput {
             }
             (None, ..) => {
                 let found = "bits, signed, or no input";
-                Err(defect(key, "input = \"NAME\" alone, since door = \"evdev\"", found))
+                Err(defect(key, "input = \"NAME\" alone, since interface = \"evdev\"", found))
             }
             (Some(_), ..) => {
                 let found = "input, or no bits";
-                Err(defect(key, "bits = [FIRST, COUNT], since door = \"hidraw\"", found))
+                Err(defect(key, "bits = [FIRST, COUNT], since interface = \"hidraw\"", found))
             }
         }
     }

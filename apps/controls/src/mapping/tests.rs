@@ -7,7 +7,7 @@ use proptest::prelude::*;
 const ANALOGUE: &str = "
 format = \"vitreo-pedal-1\"
 name = \"test\"
-door = \"evdev\"
+interface = \"evdev\"
 mode = \"aspirate\"
 [[axes]]
 input = \"ABS_Z\"
@@ -103,7 +103,7 @@ fn reports_are_taken_by_their_bits() {
     assert!(told("bits = [8, 16]", "input = \"KEY_A\"").contains("axes[0]: expected bits = [FIRST, COUNT]"));
     assert!(told("report_bytes = 3\n", "").contains("report_bytes: expected the length"));
     assert!(told("report_bytes = 3", "report_bytes = 66").contains("found 66"));
-    assert!(told("mode = ", "grab = true\nmode = ").contains("grab: expected door"));
+    assert!(told("mode = ", "grab = true\nmode = ").contains("grab: expected interface"));
 }
 
 #[test]
@@ -124,7 +124,11 @@ fn slips_are_named_with_file_key_and_what_was_expected() {
         ("\"zoom\"", "\"fly\"", "unknown variant `fly`"),
         ("dead_zone", "deadzone", "unknown field `deadzone`"),
         ("mode = \"aspirate\"\n", "", "missing field `mode`"),
-        ("door = \"evdev\"", "door = \"evdev\"\nreport_bytes = 2", "report_bytes, report_id: expected door"),
+        (
+            "interface = \"evdev\"",
+            "interface = \"evdev\"\nreport_bytes = 2",
+            "report_bytes, report_id: expected interface",
+        ),
     ] {
         let told = refused(from, to);
         assert!(told.contains("p.toml") && told.contains(named), "{from} → {to}: {told}");

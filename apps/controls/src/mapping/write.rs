@@ -38,7 +38,7 @@ impl Mapping {
         let file = FileMapping {
             format: FORMAT.into(),
             name: self.name.clone(),
-            door: self.door,
+            interface: self.interface,
             report_bytes: self.report.map(|shape| shape.bytes),
             report_id: self.report.and_then(|shape| shape.id),
             grab: self.grab,

@@ -6,7 +6,7 @@ use crate::inputs::{Input, Inputs, LONGEST_REPORT};
 use crate::mapping::{Mapping, SHIPPED, shipped};
 use evdev::Device;
 use protocol::time::Nanos;
-use settings::commands::controls::{PedalDoor, PedalSpec};
+use settings::commands::controls::{PedalInterface, PedalSpec};
 use std::collections::VecDeque;
 use std::os::fd::OwnedFd;
 
@@ -26,7 +26,7 @@ enum Reading {
 
 /// A pedal's device.
 pub(crate) struct PedalDevice {
-    door: PedalDoor,
+    interface: PedalInterface,
     line: Line,
     reading: Reading,
     /// What its axes and buttons mean; `None` until it is known what it is.
@@ -57,12 +57,12 @@ pub(crate) struct PedalDevice {
 impl PedalDevice {
     /// Nothing is opened yet. Without `mapping` one is chosen where it is opened, if `needs_mapping`.
     pub(crate) fn new(spec: &PedalSpec, mapping: Option<Mapping>, needs_mapping: bool) -> Self {
-        let reading = match spec.door {
-            PedalDoor::Evdev => Reading::Events(EventReader::default()),
-            PedalDoor::Hidraw => Reading::Whole,
+        let reading = match spec.interface {
+            PedalInterface::Evdev => Reading::Events(EventReader::default()),
+            PedalInterface::Hidraw => Reading::Whole,
         };
         PedalDevice {
-            door: spec.door,
+            interface: spec.interface,
             line: Line::new(&spec.path, None),
             reading,
             mapping,
@@ -81,8 +81,8 @@ impl PedalDevice {
         }
     }
 
-    pub(crate) fn door(&self) -> PedalDoor {
-        self.door
+    pub(crate) fn interface(&self) -> PedalInterface {
+        self.interface
     }
 
     pub(crate) fn line(&self) -> &Line {
@@ -125,13 +125,13 @@ impl PedalDevice {
     fn begin(&mut self, kind: Kind, fd: OwnedFd) -> Result<(), String> {
         self.inputs.let_go();
         self.is_pipe = kind == Kind::Pipe;
-        match (self.door, kind) {
-            (PedalDoor::Evdev, Kind::Device) => self.ask(fd)?,
-            (PedalDoor::Evdev, _) => self.is_file = kind == Kind::File,
-            (PedalDoor::Hidraw, Kind::File) => {
+        match (self.interface, kind) {
+            (PedalInterface::Evdev, Kind::Device) => self.ask(fd)?,
+            (PedalInterface::Evdev, _) => self.is_file = kind == Kind::File,
+            (PedalInterface::Hidraw, Kind::File) => {
                 return Err("is a file, and reports have no instants: write it into a pipe".into());
             }
-            (PedalDoor::Hidraw, _) => {
+            (PedalInterface::Hidraw, _) => {
                 let bytes = self.mapping.as_ref().and_then(|m| m.report).map(|shape| shape.bytes);
                 self.reading = match (kind, bytes) {
                     (Kind::Pipe, Some(bytes)) => Reading::Reports(Blocks::of(bytes)),
@@ -181,7 +181,7 @@ impl PedalDevice {
     /// `run_from` on, if that is known.
     pub(crate) fn take(&mut self, now: Nanos, run_from: Option<Nanos>) -> bool {
         let mut buffer = [0; BUFFER];
-        let room = if self.door == PedalDoor::Hidraw { LONGEST_REPORT } else { BUFFER };
+        let room = if self.interface == PedalInterface::Hidraw { LONGEST_REPORT } else { BUFFER };
         let mut gone = false;
         // As much as a pipe holds at most: whoever writes without end keeps nobody.
         for _ in 0..16 {
@@ -260,8 +260,9 @@ fn fitting(device: &Device) -> Result<Mapping, String> {
     };
     let all = SHIPPED.iter().filter_map(|(name, _)| shipped(name));
     // A real keyboard has every key of a foot switch; nobody wants it kept from other programs.
-    let mut fit =
-        all.filter(|m| m.door == PedalDoor::Evdev && !m.grab && m.axes.iter().all(|map| has(map.input)));
+    let mut fit = all.filter(|m| {
+        m.interface == PedalInterface::Evdev && !m.grab && m.axes.iter().all(|map| has(map.input))
+    });
     fit.next().ok_or_else(|| "fits none of the shipped mappings: name one, evdev:PATH,MAPPING".into())
 }
 

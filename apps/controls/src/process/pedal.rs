@@ -8,7 +8,7 @@ use ipc::{Instance, Sender};
 use protocol::controls::ControlFigures;
 use protocol::handles::{PedalMode, PedalState};
 use protocol::time::Nanos;
-use settings::commands::controls::{PedalDoor, PedalSpec};
+use settings::commands::controls::{PedalInterface, PedalSpec};
 
 /// The pedal is sent when it changes, and at least so often, ns: ten times a second.
 const EVERY_NS: u64 = 100_000_000;
@@ -143,13 +143,13 @@ impl PedalFeed {
 pub(crate) fn load(spec: &PedalSpec) -> Result<Option<Mapping>> {
     let Some(name) = &spec.mapping else {
         ensure!(
-            spec.door == PedalDoor::Evdev,
+            spec.interface == PedalInterface::Evdev,
             "{spec}: expected hidraw:PATH,MAPPING: reports say nothing of themselves"
         );
         return Ok(None);
     };
     let mapping = Mapping::load(name)?;
-    let (wanted, found) = (spec.door.prefix(), mapping.door.prefix());
-    ensure!(mapping.door == spec.door, "{spec}: the mapping {name} is of {found}, not of {wanted}");
+    let (wanted, found) = (spec.interface.prefix(), mapping.interface.prefix());
+    ensure!(mapping.interface == spec.interface, "{spec}: the mapping {name} is of {found}, not of {wanted}");
     Ok(Some(mapping))
 }

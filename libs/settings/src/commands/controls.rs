@@ -18,10 +18,10 @@ pub const DEFAULT_BAUD: u32 = 115_200;
 /// Slowest and fastest line that is opened.
 const BAUDS: [u32; 2] = [1_200, 4_000_000];
 
-/// By which door a pedal is read.
+/// By which interface of the kernel a pedal is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum PedalDoor {
+pub enum PedalInterface {
     /// Events of the kernel's input devices, `/dev/input/event*`.
     Evdev,
     /// Reports as the device sends them, `/dev/hidraw*`.
@@ -32,7 +32,7 @@ pub enum PedalDoor {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PedalSpec {
     /// How it is read.
-    pub door: PedalDoor,
+    pub interface: PedalInterface,
     /// The device; a pipe or a recorded file will do.
     pub path: PathBuf,
     /// What its axes and buttons mean: a shipped mapping's name, or a file that ends in .toml.
@@ -48,12 +48,12 @@ pub struct HandlesSpec {
     pub baud: u32,
 }
 
-impl PedalDoor {
+impl PedalInterface {
     /// As it is written before a path.
     pub fn prefix(self) -> &'static str {
         match self {
-            PedalDoor::Evdev => EVDEV,
-            PedalDoor::Hidraw => HIDRAW,
+            PedalInterface::Evdev => EVDEV,
+            PedalInterface::Hidraw => HIDRAW,
         }
     }
 }
@@ -64,15 +64,17 @@ impl FromStr for PedalSpec {
     fn from_str(text: &str) -> Result<Self, String> {
         let expected = "evdev:/dev/input/eventN[,MAPPING] or hidraw:/dev/hidrawN,MAPPING";
         let refused = || format!("expected {expected}, found {text:?}");
-        let doors = [PedalDoor::Evdev, PedalDoor::Hidraw];
-        let found = doors.into_iter().find_map(|door| Some((door, text.strip_prefix(door.prefix())?)));
-        let (door, rest) = found.ok_or_else(refused)?;
+        let interfaces = [PedalInterface::Evdev, PedalInterface::Hidraw];
+        let found = interfaces
+            .into_iter()
+            .find_map(|interface| Some((interface, text.strip_prefix(interface.prefix())?)));
+        let (interface, rest) = found.ok_or_else(refused)?;
         let (path, mapping) = match rest.split_once(',') {
             None => (rest, None),
             Some((_, "")) => return Err(refused()),
             Some((path, mapping)) => (path, Some(mapping.to_owned())),
         };
-        if path.is_empty() { Err(refused()) } else { Ok(PedalSpec { door, path: path.into(), mapping }) }
+        if path.is_empty() { Err(refused()) } else { Ok(PedalSpec { interface, path: path.into(), mapping }) }
     }
 }
 
@@ -100,7 +102,7 @@ impl FromStr for HandlesSpec {
 
 impl Display for PedalSpec {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        write!(f, "{}{}", self.door.prefix(), self.path.display())?;
+        write!(f, "{}{}", self.interface.prefix(), self.path.display())?;
         self.mapping.as_ref().map_or(Ok(()), |mapping| write!(f, ",{mapping}"))
     }
 }
@@ -156,7 +158,7 @@ mod tests {
             assert_eq!(read.to_string(), text);
         }
         let read: PedalSpec = "hidraw:/dev/hidraw0,m.toml".parse().unwrap();
-        assert_eq!((read.door, read.mapping.as_deref()), (PedalDoor::Hidraw, Some("m.toml")));
+        assert_eq!((read.interface, read.mapping.as_deref()), (PedalInterface::Hidraw, Some("m.toml")));
         for (text, baud) in [("serial:/dev/ttyUSB0", DEFAULT_BAUD), ("serial:a?baud=9600", 9_600)] {
             let read: HandlesSpec = text.parse().unwrap();
             assert_eq!((read.baud, read.to_string().as_str()), (baud, text));

@@ -12,8 +12,8 @@ fn event(ms: i64, kind: u16, code: u16, value: i32) -> [u8; 24] {
     Event { at_us: ms * 1_000, kind, code, value }.to_bytes()
 }
 
-fn device(door: PedalDoor, path: &Path, mapping: &str) -> PedalDevice {
-    let spec = PedalSpec { door, path: path.to_owned(), mapping: Some(mapping.into()) };
+fn device(interface: PedalInterface, path: &Path, mapping: &str) -> PedalDevice {
+    let spec = PedalSpec { interface, path: path.to_owned(), mapping: Some(mapping.into()) };
     PedalDevice::new(&spec, Some(Mapping::load(mapping).unwrap()), true)
 }
 
@@ -31,7 +31,7 @@ fn write(file: &mut File, blocks: &[[u8; 24]]) {
 fn a_pipe_of_events_is_a_pedal_until_its_writer_is_gone() {
     let folder = tempfile::tempdir().unwrap();
     let path = pipe(&folder);
-    let mut pedal = device(PedalDoor::Evdev, &path, "keyboard-switch");
+    let mut pedal = device(PedalInterface::Evdev, &path, "keyboard-switch");
     assert_eq!(pedal.open_if_due(0), Ok(true));
     let mut writer = OpenOptions::new().write(true).open(&path).unwrap();
     write(&mut writer, &[event(5, KEY, 30, 1), event(5, 0, 0, 0), event(9, KEY, 46, 1)]);
@@ -54,7 +54,7 @@ fn a_recorded_file_is_played_with_its_spacing_from_the_beginning_of_the_run() {
     let path = folder.path().join("r");
     let mut file = File::create(&path).unwrap();
     write(&mut file, &[event(1_000, KEY, 30, 1), event(1_020, KEY, 30, 0), event(1_050, KEY, 48, 1)]);
-    let mut pedal = device(PedalDoor::Evdev, &path, "keyboard-switch");
+    let mut pedal = device(PedalInterface::Evdev, &path, "keyboard-switch");
     assert_eq!(pedal.open_if_due(0), Ok(true));
     let mut at = |ms, from| {
         let gone = pedal.take(ms * MS, from);
@@ -72,7 +72,7 @@ fn a_recorded_file_is_played_with_its_spacing_from_the_beginning_of_the_run() {
 fn reports_are_cut_by_their_length() {
     let folder = tempfile::tempdir().unwrap();
     let path = pipe(&folder);
-    let mut pedal = device(PedalDoor::Hidraw, &path, "three-pedals");
+    let mut pedal = device(PedalInterface::Hidraw, &path, "three-pedals");
     assert_eq!(pedal.open_if_due(0), Ok(true));
     let mut writer = OpenOptions::new().write(true).open(&path).unwrap();
     writer.write_all(&[1, 0, 0, 0, 4, 0, 2]).unwrap();
@@ -88,11 +88,12 @@ fn what_cannot_be_a_pedal_is_refused_in_words() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("f");
     File::create(&path).unwrap();
-    let told = |door, path: &Path, mapping: &str| device(door, path, mapping).open_if_due(0).unwrap_err();
-    assert!(told(PedalDoor::Hidraw, &path, "three-pedals").contains("write it into a pipe"));
-    assert!(told(PedalDoor::Evdev, &path, "analogue").contains("tells no range of ABS_Z"));
-    assert!(told(PedalDoor::Evdev, Path::new("/dev/null"), "analogue").contains("no input device"));
-    let spec = PedalSpec { door: PedalDoor::Evdev, path, mapping: None };
+    let told =
+        |interface, path: &Path, mapping: &str| device(interface, path, mapping).open_if_due(0).unwrap_err();
+    assert!(told(PedalInterface::Hidraw, &path, "three-pedals").contains("write it into a pipe"));
+    assert!(told(PedalInterface::Evdev, &path, "analogue").contains("tells no range of ABS_Z"));
+    assert!(told(PedalInterface::Evdev, Path::new("/dev/null"), "analogue").contains("no input device"));
+    let spec = PedalSpec { interface: PedalInterface::Evdev, path, mapping: None };
     assert!(PedalDevice::new(&spec, None, true).open_if_due(0).unwrap_err().contains("name a mapping"));
     assert_eq!(PedalDevice::new(&spec, None, false).open_if_due(0), Ok(true), "to be looked at");
 }
@@ -101,7 +102,7 @@ fn what_cannot_be_a_pedal_is_refused_in_words() {
 fn lost_events_make_a_device_be_asked_again() {
     let folder = tempfile::tempdir().unwrap();
     let path = pipe(&folder);
-    let mut pedal = device(PedalDoor::Evdev, &path, "keyboard-switch");
+    let mut pedal = device(PedalInterface::Evdev, &path, "keyboard-switch");
     pedal.open_if_due(0).unwrap();
     let mut writer = OpenOptions::new().write(true).open(&path).unwrap();
     write(&mut writer, &[event(0, KEY, 30, 1), event(1, SYN, SYN_DROPPED, 0)]);
