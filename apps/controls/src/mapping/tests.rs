@@ -87,7 +87,7 @@ fn an_axis_without_a_range_takes_that_of_its_device() {
 
 #[test]
 fn reports_are_taken_by_their_bits() {
-    let text = "format = \"vitreo-pedal-1\"\nname = \"t\"\ndoor = \"hidraw\"\nreport_bytes = 3\nreport_id = 1\n\
+    let text = "format = \"vitreo-pedal-1\"\nname = \"t\"\ninterface = \"hidraw\"\nreport_bytes = 3\nreport_id = 1\n\
                 mode = \"inject\"\n[[axes]]\nbits = [8, 16]\naxis = 0\nfull = -1.0\n";
     let mapping = Mapping::parse(text, "p").unwrap();
     assert_eq!(mapping.report, Some(ReportShape { bytes: 3, id: Some(1) }));
