@@ -38,6 +38,30 @@ impl StepInputs {
     }
 }
 
+/// What a step consumed, so that whoever repeats it from a recording knows whether the recording holds the
+/// same: two senders on one channel may reach two receivers in another order, and a queue may have been full
+/// for one of them. All 0 in recordings of builds that did not compute it.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Wire, Zeroable)]
+pub struct InputsDigest {
+    /// Hash of field, frame, exposure and bodies of the tracker frame, and of the handle and pedal states.
+    #[wire(tag = 1, hash)]
+    pub hash: u64,
+    /// Handle states consumed.
+    #[wire(tag = 2)]
+    pub handles: u32,
+    /// Pedal states consumed.
+    #[wire(tag = 3)]
+    pub pedals: u32,
+}
+
+impl InputsDigest {
+    /// False in recordings of builds that did not compute it.
+    pub fn is_known(&self) -> bool {
+        *self != Self::default()
+    }
+}
+
 /// Time spent in each phase of a step, ns, as Box2D's `b2Profile`. Never part of the result.
 ///
 /// Tags 1 to 4 are the phases that recordings have always had; there, tissue includes bodies, tools
@@ -229,12 +253,15 @@ pub struct StepRecord {
     /// recordings of builds that did not count them.
     #[wire(tag = 16, columns = "")]
     pub contacts: u64,
+    /// What it consumed.
+    #[wire(tag = 17, columns = "")]
+    pub inputs: InputsDigest,
 }
 
 impl Message for StepRecord {
     const CHANNEL: &'static str = "steps";
-    /// 2: what vitrectors have taken. 3: one time a phase. 4: contacts.
-    const VERSION: u32 = 4;
+    /// 2: what vitrectors have taken. 3: one time a phase. 4: contacts. 5: digest of the inputs.
+    const VERSION: u32 = 5;
     const QUEUE: usize = 512;
 
     fn validate(&self) -> Result<(), Invalid> {

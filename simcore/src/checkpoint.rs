@@ -13,6 +13,7 @@ use bincode::enc::write::Writer;
 use bincode::error::EncodeError;
 use protocol::handles::Tool;
 use protocol::limits::MAX_CHECKPOINT_BYTES;
+use protocol::steps::{InputsDigest, StepInput};
 use serde::{Deserialize, Serialize};
 
 /// Version of the state's meaning; another one is refused.
@@ -220,6 +221,22 @@ pub fn state_hash(state: &State) -> u64 {
         let _ = bincode::serde::encode_into_writer(state.ticks, &mut writer, config());
     }
     writer.0
+}
+
+/// Digest of what a step consumes, of all that the simulation reads and a recording keeps.
+pub fn inputs_digest(input: &StepInput) -> InputsDigest {
+    let StepInput { frame, handles, pedals } = input;
+    let mut writer = HashWriter(FNV_BASIS);
+    let key = [frame.field, frame.frame, frame.instants.exposed];
+    let parts: [&[u8]; 4] = [
+        bytemuck::cast_slice(&key),
+        bytemuck::cast_slice(&frame.bodies),
+        bytemuck::cast_slice(handles),
+        bytemuck::cast_slice(pedals),
+    ];
+    // The writer cannot fail.
+    parts.iter().for_each(|part| drop(writer.write(part)));
+    InputsDigest { hash: writer.0.max(1), handles: handles.len() as u32, pedals: pedals.len() as u32 }
 }
 
 #[cfg(test)]

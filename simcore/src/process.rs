@@ -13,7 +13,7 @@ use ipc::awake::Awake;
 use ipc::clock::now;
 use ipc::shell::{Served, Shell, Work};
 use ipc::trace::About;
-use ipc::{BlockSender, Instance, IpcError, Queue, Receiver, Sender, wait};
+use ipc::{BlockSender, Instance, IpcError, Queue, Receiver, Sample, Sender, wait};
 use protocol::control::Command;
 use protocol::events::{Event, EventKind, NO_INSTRUMENT};
 use protocol::handles::{HandleState, PedalState};
@@ -160,9 +160,14 @@ impl SimcoreShell {
         shell.inject_delay();
         let mut instants = frame.instants;
         let transfer_begin = now();
-        instants.stepped = transfer_begin;
         let (writer, hash) = (&mut self.writer, report.state_hash);
-        self.scenes.send(self.scene_bytes, |payload| writer.write(world, instants, hash, payload))?;
+        self.scenes.send(self.scene_bytes, |payload| {
+            let mut header = writer.write(world, instants, hash, payload);
+            // The step is done when its scene is written.
+            instants.stepped = now();
+            header.instants.stepped = instants.stepped;
+            header
+        })?;
         let transferred = now();
         shell.trace.note(Phase::Scene, about, [transfer_begin, transferred]);
         let mut profile = report.profile;
@@ -203,17 +208,22 @@ impl SimcoreShell {
             vitreous_removed_um3: removed.vitreous_um3,
             vitreous_left_um3: removed.vitreous_left_um3,
             contacts: world.contacts(),
+            inputs: report.inputs,
         })?;
         self.send_events(world, frame)
     }
 
     /// The next pose to step to; after a sleep the newest one. What lies before it is past: the
     /// hands went on, and the eye was not there. Such poses count as lost, and are told.
-    fn next_pose(&mut self, world: &World, slept_ns: Option<u64>) -> Result<Option<TrackerFrame>, IpcError> {
-        let Some(mut next) = self.poses.next_valid()? else { return Ok(None) };
+    fn next_pose(
+        &mut self,
+        world: &World,
+        slept_ns: Option<u64>,
+    ) -> Result<Option<Sample<TrackerFrame>>, IpcError> {
+        let Some(mut next) = self.poses.next_sample()? else { return Ok(None) };
         if let Some(slept_ns) = slept_ns {
             let before = self.passed_over;
-            while let Some(newer) = self.poses.next_valid()? {
+            while let Some(newer) = self.poses.next_sample()? {
                 next = newer;
                 self.passed_over += 1;
             }

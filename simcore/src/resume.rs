@@ -1,7 +1,7 @@
 //! Going on where a predecessor stood: its newest checkpoint, and the recorded inputs since,
 //! stepped again in the recorded order. Pure: the entries come from the caller.
 
-use crate::checkpoint::CheckpointError;
+use crate::checkpoint::{CheckpointError, inputs_digest};
 use crate::world::{StepReport, World, no_clock};
 use protocol::handles::{HandleState, PedalState};
 use protocol::journal::Entry;
@@ -158,8 +158,7 @@ impl InputHistory {
             return false;
         }
         let pose = self.poses.get(without_record as usize);
-        let is_its = |p: &TrackerFrame| p.frame == next.frame && p.instants.exposed == next.instants.exposed;
-        if !pose.is_some_and(|p| is_its(p)) || self.missing_input(world, next).is_some() {
+        if !pose.is_some_and(|p| is_frame_of(p, next)) || self.missing_input(world, next).is_some() {
             return false;
         }
         let Some(frame) = self.poses.pop_front() else { return false };
@@ -208,15 +207,17 @@ impl InputHistory {
     /// What the oldest step that is waiting lacks, in words; `None` where it lacks nothing.
     pub fn lacking(&self, world: &World) -> Option<String> {
         let (step, state) = (self.steps.front()?, world.state());
-        let exposed = step.instants.exposed;
         if step.step != state.step + 1 {
             return Some(format!("step {} follows {} (field {})", step.step, state.step, step.field));
         }
-        if !self.poses.iter().any(|p| p.frame == step.frame && p.instants.exposed == exposed) {
+        if !self.poses.iter().any(|p| is_frame_of(p, step)) {
             return Some(format!("the poses of step {} (field {}) are missing", step.step, step.field));
         }
-        let missing = self.missing_input(world, step);
-        missing.map(|(name, number)| format!("{name} state {number} is missing (field {})", step.field))
+        if let Some((name, number)) = self.missing_input(world, step) {
+            return Some(format!("{name} state {number} is missing (field {})", step.field));
+        }
+        let other = || format!("step {} (field {}) consumed other inputs than these", step.step, step.field);
+        self.find_inputs(world, step).is_none().then(other)
     }
 
     /// Kind and number of the first input that a step needs, from where `world` stands, and that is not
@@ -253,20 +254,45 @@ impl InputHistory {
         if step.step != state.step + 1 {
             return None;
         }
-        let exposed = step.instants.exposed;
-        let pose = self.poses.iter().position(|p| p.frame == step.frame && p.instants.exposed == exposed)?;
         // Nothing is taken before all is there.
-        if self.missing_input(world, step).is_some() {
-            return None;
-        }
-        let stepped_ns = step.instants.stepped;
-        let handles = take(&mut self.handles, [state.handles_below, step.handles_below], stepped_ns);
-        let pedals = take(&mut self.pedals, [state.pedals_below, step.pedals_below], stepped_ns);
+        let Found { pose, ends: [handles_end, pedals_end], handles, pedals } =
+            self.missing_input(world, step).is_none().then(|| self.find_inputs(world, step)).flatten()?;
         let frame = self.poses.drain(..=pose).next_back()?;
+        self.handles.drain(..handles_end);
+        self.pedals.drain(..pedals_end);
         let input = StepInput { frame: &frame, handles: &handles, pedals: &pedals };
         let report = world.step(&input, &mut no_clock);
         Some((frame, report))
     }
+
+    /// What a step consumed; `None` where that is not there, or something else in its place.
+    fn find_inputs(&self, world: &World, step: &StepRecord) -> Option<Found> {
+        let (state, stepped_ns) = (world.state(), step.instants.stepped);
+        let (known, digest) = (step.inputs.is_known(), step.inputs);
+        let handles_end = end_of(&self.handles, [state.handles_below, step.handles_below], stepped_ns);
+        let pedals_end = end_of(&self.pedals, [state.pedals_below, step.pedals_below], stepped_ns);
+        let handles = newest(&self.handles, handles_end, known.then_some(digest.handles))?;
+        let pedals = newest(&self.pedals, pedals_end, known.then_some(digest.pedals))?;
+        let is_its = |frame: &TrackerFrame| {
+            let input = StepInput { frame, handles: &handles, pedals: &pedals };
+            is_frame_of(frame, step) && (!known || inputs_digest(&input) == digest)
+        };
+        let pose = self.poses.iter().position(|p| is_its(p))?;
+        Some(Found { pose, ends: [handles_end, pedals_end], handles, pedals })
+    }
+}
+
+/// What a step consumed, and where it lies in the queues.
+struct Found {
+    pose: usize,
+    /// Places behind the last handle and the last pedal state.
+    ends: [usize; 2],
+    handles: Vec<HandleState>,
+    pedals: Vec<PedalState>,
+}
+
+fn is_frame_of(frame: &TrackerFrame, step: &StepRecord) -> bool {
+    frame.frame == step.frame && frame.instants.exposed == step.instants.exposed
 }
 
 /// Keeps an input; where there is no room the oldest is dropped, for which no step has come.
@@ -277,11 +303,16 @@ fn keep<T>(queue: &mut VecDeque<T>, input: T) {
     queue.push_back(input);
 }
 
-/// Takes what a step consumed, and what came before it, off the front of a queue. All below number
-/// `before` were consumed before it, all below `below` are after it.
-fn take<T: Numbered>(queue: &mut VecDeque<T>, [before, below]: [u64; 2], stepped_ns: Nanos) -> Vec<T> {
-    let last = last_consumed(queue.iter(), [before, below], stepped_ns);
-    queue.drain(..last.map_or(0, |last| last + 1)).collect()
+/// Place behind the last input that a step consumed. All below number `before` were consumed before it, all
+/// below `below` are after it.
+fn end_of<T: Numbered>(queue: &VecDeque<T>, [before, below]: [u64; 2], stepped_ns: Nanos) -> usize {
+    last_consumed(queue.iter(), [before, below], stepped_ns).map_or(0, |last| last + 1)
+}
+
+/// The last `count` inputs before place `end`, or all of them; `None` where there are fewer.
+fn newest<T: Copy>(queue: &VecDeque<T>, end: usize, count: Option<u32>) -> Option<Vec<T>> {
+    let begin = count.map_or(Some(0), |count| end.checked_sub(count as usize))?;
+    Some(queue.range(begin..end).copied().collect())
 }
 
 /// Takes what was sent by an instant off the front of a queue.
@@ -312,147 +343,4 @@ fn first_missing<T: Numbered>(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use bytemuck::Zeroable;
-    use scene::SceneFile;
-    use surgeon::rehearsal::Rehearsal;
-
-    /// A run of `fields` fields as a recorder sees it, with a checkpoint after each of `saves`.
-    fn record(fields: u64, saves: &[u64]) -> (World, Vec<Entry>) {
-        let scene = SceneFile::load("peel").unwrap();
-        let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).unwrap());
-        let mut items = Vec::new();
-        for field in 200..200 + fields {
-            let (frame, handles) = rehearsal.field(field);
-            let pedal = PedalState { seq: field, axes: [0.5, 0.1], ..PedalState::zeroed() };
-            items.extend(handles.map(Entry::Handle));
-            items.push(Entry::Pedal(pedal));
-            items.push(Entry::Poses(Box::new(frame)));
-            let input = StepInput { frame: &frame, handles: &handles, pedals: &[pedal] };
-            let report = world.step(&input, &mut no_clock);
-            let mut step = StepRecord::zeroed();
-            (step.step, step.field, step.frame) = (world.state().step, frame.field, frame.frame);
-            (step.instants, step.state_hash) = (frame.instants, report.state_hash);
-            step.handles_below = world.state().handles_below;
-            step.pedals_below = world.state().pedals_below;
-            items.push(Entry::Step(step));
-            if saves.contains(&(field - 200)) {
-                items.push(checkpoint(&world, &step));
-            }
-        }
-        (world, items)
-    }
-
-    fn checkpoint(world: &World, step: &StepRecord) -> Entry {
-        let mut bytes = Vec::new();
-        world.save(&mut bytes).unwrap();
-        let mut header = CheckpointHeader::zeroed();
-        (header.step, header.field, header.state_hash) = (step.step, step.field, step.state_hash);
-        (header.handles_below, header.pedals_below) = (step.handles_below, step.pedals_below);
-        header.bytes = bytes.len() as u64;
-        Entry::Checkpoint(header, bytes)
-    }
-
-    fn repeat(items: Vec<Entry>) -> (World, ResumeOutcome) {
-        let mut world = World::new(&SceneFile::load("peel").unwrap()).unwrap();
-        let mut past = InputHistory::default();
-        items.into_iter().for_each(|i| past.note(i));
-        let resumed = past.replay(&mut world).unwrap();
-        (world, resumed)
-    }
-
-    #[test]
-    fn goes_on_from_the_newest_checkpoint_to_the_last_step() {
-        let (world, items) = record(100, &[10, 60]);
-        let (again, resumed) = repeat(items);
-        assert_eq!(resumed, ResumeOutcome { steps: 39, missing: 0, agrees: true });
-        assert_eq!(again.state(), world.state());
-    }
-
-    #[test]
-    fn a_checkpoint_may_come_before_the_record_of_its_step() {
-        for save in [10, 0] {
-            let (world, mut items) = record(30, &[save]);
-            let at = items.iter().position(|i| matches!(i, Entry::Checkpoint(..))).unwrap();
-            assert!(matches!(items[at - 1], Entry::Step(_)));
-            items.swap(at - 1, at);
-            let mut again = World::new(&SceneFile::load("peel").unwrap()).unwrap();
-            let mut past = InputHistory::default();
-            items.into_iter().for_each(|i| past.note(i));
-            let resumed = past.replay(&mut again).unwrap();
-            assert_eq!(resumed, ResumeOutcome { steps: 29 - save, missing: 0, agrees: true });
-            assert_eq!(again.state(), world.state());
-            assert_eq!(past.unconsumed().2, 0, "poses that nobody has consumed");
-        }
-    }
-
-    #[test]
-    fn over_a_gap_it_goes_on_from_a_later_checkpoint() {
-        let (world, items) = record(100, &[10, 60]);
-        let mut again = World::new(&SceneFile::load("peel").unwrap()).unwrap();
-        let mut past = InputHistory::default();
-        let mut checkpoints = Vec::new();
-        let lost = |item: &Entry| matches!(item, Entry::Handle(h) if h.field == 230);
-        for item in items.into_iter().filter(|item| !lost(item)) {
-            match item {
-                Entry::Checkpoint(header, bytes) => checkpoints.push((header, bytes)),
-                other => past.note(other),
-            }
-        }
-        let mut steps = 0;
-        while past.advance(&mut again).is_some() {
-            steps += 1;
-        }
-        assert_eq!((steps, past.waiting().map(|s| s.step)), (30, Some(31)));
-        let (header, bytes) = &checkpoints[1];
-        assert_eq!(past.jump(&mut again, header, bytes).unwrap(), 31);
-        while past.advance(&mut again).is_some() {
-            steps += 1;
-        }
-        assert_eq!(steps, 30 + 39);
-        assert_eq!(again.state(), world.state());
-    }
-
-    #[test]
-    fn without_a_checkpoint_it_begins_at_the_start() {
-        let (world, items) = record(30, &[]);
-        let (again, resumed) = repeat(items);
-        assert_eq!(resumed, ResumeOutcome { steps: 30, missing: 0, agrees: true });
-        assert_eq!(again.state_hash(), world.state_hash());
-    }
-
-    #[test]
-    fn a_missing_pose_ends_it_there() {
-        let (_, mut items) = record(40, &[5]);
-        let gone = items.iter().rposition(|i| matches!(i, Entry::Poses(p) if p.field == 220)).unwrap();
-        items.remove(gone);
-        let (world, resumed) = repeat(items);
-        assert_eq!((resumed.missing, resumed.agrees), (20, true));
-        assert_eq!(world.state().field, 219);
-    }
-
-    #[test]
-    fn inputs_that_no_step_consumed_are_left() {
-        let (_, mut items) = record(20, &[5]);
-        // The last step was not made: its pose and handles wait.
-        items.pop();
-        let mut world = World::new(&SceneFile::load("peel").unwrap()).unwrap();
-        let mut past = InputHistory::default();
-        items.into_iter().for_each(|i| past.note(i));
-        past.replay(&mut world).unwrap();
-        let (handles, pedals, poses) = past.unconsumed();
-        assert_eq!((handles.len(), pedals.len(), poses), (2, 1, 1));
-        assert_eq!((pedals[0].seq, world.state().field), (219, 218));
-    }
-
-    #[test]
-    fn another_state_is_noticed() {
-        let (_, mut items) = record(20, &[5]);
-        let last = items.last_mut().unwrap();
-        if let Entry::Step(step) = last {
-            step.state_hash ^= 1;
-        }
-        assert!(!repeat(items).1.agrees);
-    }
-}
+mod tests;

@@ -43,7 +43,7 @@ use protocol::limits::{BODIES, INSTRUMENTS, MAX_SCENE_BYTES};
 use protocol::message::fnv1a;
 use protocol::phases::{Phase, PhaseClock};
 use protocol::poses::TrackerFrame;
-use protocol::steps::{StepInput, StepProfile};
+use protocol::steps::{InputsDigest, StepInput, StepProfile};
 use scene::SceneFile;
 use std::sync::LazyLock;
 use tissue::retina::Retina;
@@ -90,6 +90,8 @@ pub struct StepReport {
     pub advanced_ns: u64,
     /// Hash of the state after the step.
     pub state_hash: u64,
+    /// What it consumed.
+    pub inputs: InputsDigest,
     /// Time spent in each phase, if a clock was lent; never part of the result.
     pub profile: StepProfile,
 }
@@ -235,8 +237,9 @@ impl World {
         self.end_step(&plan);
         timer.lap(Phase::Misc);
         let state_hash = checkpoint::state_hash(&self.state);
+        let inputs = checkpoint::inputs_digest(input);
         timer.lap(Phase::Hash);
-        StepReport { advanced_ns: plan.advance_ns, state_hash, profile: timer.profile() }
+        StepReport { advanced_ns: plan.advance_ns, state_hash, inputs, profile: timer.profile() }
     }
 
     /// Events of the last step.

@@ -94,6 +94,12 @@ fn no_command(request: &mut Request) {
     request.command |= 1 << 20;
 }
 
+/// Neither is a record of a step that says of what it was made and lies about what came of it: verification
+/// must call that a difference. This one was made of something that is not there.
+fn no_record(step: &mut StepRecord) {
+    step.inputs.hash |= 1;
+}
+
 /// Neither is a key or a button of the pedal: who may press those may pause the run, and then it does not
 /// end by itself.
 fn no_button(pedal: &mut PedalState) {
@@ -116,7 +122,7 @@ fn all_channels<'a>(instance: &Instance) -> Vec<Spray<'a>> {
         plain::<TrackerFrame>(instance, |_| {}),
         plain::<MatchFrame>(instance, |_| {}),
         with_payload::<SceneHeader>(instance),
-        plain::<StepRecord>(instance, |_| {}),
+        plain::<StepRecord>(instance, no_record),
         with_payload::<CheckpointHeader>(instance),
         with_payload::<TrackerCheckpointHeader>(instance),
         plain::<Event>(instance, |_| {}),

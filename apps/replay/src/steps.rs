@@ -12,7 +12,7 @@ use protocol::steps::{CheckpointHeader, StepRecord};
 use protocol::time::Nanos;
 use recording::{CUT, Item, Provenance, Recording};
 use simcore::resume::{InputHistory, Repeated};
-use simcore::world::World;
+use simcore::world::{StepReport, World};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -215,11 +215,11 @@ impl Steps {
 
     fn done(&mut self, Repeated { poses, recorded, report, .. }: Repeated) -> StepAgain<'_> {
         self.done.steps += 1;
-        let (state_hash, advanced_ns) = (report.state_hash, report.advanced_ns);
+        let StepReport { state_hash, advanced_ns, inputs, .. } = report;
         let comparable = self.done.other_state_hash_version.is_none();
         let differs = comparable && state_hash != recorded.state_hash;
         self.done.differs_at = self.done.differs_at.or(differs.then_some(recorded.step));
-        let step = StepRecord { state_hash, advanced_ns, ..recorded };
+        let step = StepRecord { state_hash, advanced_ns, inputs, ..recorded };
         StepAgain { left_out: self.left_out(), world: &self.world, poses, made: None, recorded, step }
     }
 

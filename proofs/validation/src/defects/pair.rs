@@ -257,6 +257,7 @@ fn step(
         pedals_below: state.pedals_below,
         advanced_ns: report.advanced_ns,
         state_hash: report.state_hash,
+        inputs: report.inputs,
         ..bytemuck::Zeroable::zeroed()
     };
     writer.write(at, &Item::Step(record))?;
