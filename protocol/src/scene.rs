@@ -10,6 +10,7 @@ use crate::message::{Invalid, Message, all_finite, require};
 use crate::time::Instants;
 use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
+use std::marker::PhantomData;
 
 /// Where an array lies in the payload.
 #[repr(C)]
@@ -277,9 +278,63 @@ impl<'a> SectionWriter<'a> {
         Some(section)
     }
 
+    /// Lends room for `count` elements, which holds whatever an earlier block left there; `None` where they do
+    /// not fit.
+    pub fn lend<T: Wire>(&mut self, count: usize) -> Option<(Section, &mut [T])> {
+        let end = self.used.checked_add(count.checked_mul(size_of::<T>())?)?;
+        let room = bytemuck::try_cast_slice_mut(self.payload.get_mut(self.used..end)?).ok()?;
+        let section = Section { offset: self.used as u32, count: count as u32 };
+        self.used = end.next_multiple_of(16);
+        Some((section, room))
+    }
+
+    /// Begins a section whose elements are written one by one.
+    pub fn list<T: Wire>(&mut self) -> SectionList<'_, 'a, T> {
+        SectionList { writer: self, count: 0, fits: true, holds: PhantomData }
+    }
+
     /// Bytes in use, a multiple of 16.
     pub fn used(&self) -> usize {
         self.used.min(self.payload.len())
+    }
+}
+
+/// A section that grows where it will be read.
+pub struct SectionList<'w, 'a, T> {
+    writer: &'w mut SectionWriter<'a>,
+    count: usize,
+    fits: bool,
+    holds: PhantomData<fn(T)>,
+}
+
+impl<T: Wire> SectionList<'_, '_, T> {
+    /// Appends an element.
+    pub fn push(&mut self, element: T) {
+        let begin = self.writer.used + self.count * size_of::<T>();
+        let room = self.writer.payload.get_mut(begin..begin + size_of::<T>());
+        match room.filter(|_| self.fits) {
+            Some(room) => room.copy_from_slice(bytemuck::bytes_of(&element)),
+            None => self.fits = false,
+        }
+        self.count += 1;
+    }
+
+    /// Elements so far.
+    pub fn len(&self) -> usize {
+        self.count
+    }
+
+    /// True before the first one.
+    pub fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// Ends the section; `None` (and nothing in use) where its elements did not fit.
+    pub fn end(self) -> Option<Section> {
+        let offset = self.writer.used;
+        let end = (offset + self.count * size_of::<T>()).next_multiple_of(16);
+        self.fits.then(|| self.writer.used = end)?;
+        Some(Section { offset: offset as u32, count: self.count as u32 })
     }
 }
 
@@ -296,9 +351,21 @@ mod tests {
         let marks = [SceneMark { position_mm: [1.0, 2.0, 3.0], radius_mm: 0.5, rgba: [1.0; 4] }];
         let at = writer.write(&marks).unwrap();
         assert!(writer.write(&[SceneBrick::zeroed()]).is_none(), "a brick of 528 bytes cannot fit");
+        assert!(writer.lend::<SceneBrick>(1).is_none() && writer.lend::<f32>(usize::MAX).is_none());
+        let mut long = writer.list();
+        (0..99).for_each(|_| long.push(marks[0]));
+        assert!(long.end().is_none(), "99 marks do not fit");
+        let mut each = writer.list::<f32>();
+        marks.iter().for_each(|mark| each.push(mark.radius_mm));
+        assert_eq!((each.len(), each.is_empty()), (1, false));
+        let each = each.end().unwrap();
+        let (lent, room) = writer.lend::<SceneMark>(1).unwrap();
+        room.copy_from_slice(&marks);
         let bytes: &[u8] = bytemuck::cast_slice(&payload);
         assert_eq!(section::<u8>(bytes, text).unwrap(), b"hello");
         assert_eq!(section::<SceneMark>(bytes, at).unwrap(), &marks);
+        assert_eq!(section::<f32>(bytes, each).unwrap(), &[0.5]);
+        assert_eq!(section::<SceneMark>(bytes, lent).unwrap(), &marks);
         assert!(section::<SceneMark>(bytes, Section { offset: at.offset, count: 99 }).is_err());
         assert!(section::<u8>(bytes, Section { offset: u32::MAX, count: u32::MAX }).is_err());
     }

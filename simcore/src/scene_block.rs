@@ -11,12 +11,12 @@ use protocol::events::EventKind;
 use protocol::geometry::Pose;
 use protocol::scene::{
     NODE_DEAD, NODE_FREE, SceneBody, SceneHeader, SceneHome, SceneInstrument, SceneMark, SceneNode,
-    SceneTriangle, SectionWriter, TISSUE_GONE, TISSUE_LYING, TISSUE_MEMBRANE, TISSUE_RETINA,
+    SceneTriangle, Section, SectionWriter, TISSUE_GONE, TISSUE_LYING, TISSUE_MEMBRANE, TISSUE_RETINA,
 };
 use protocol::time::Instants;
 use scene::{BodyScene, BodyShape, MAX_BODIES};
 use tissue::sheet::mesh::SheetMesh;
-use tissue::sheet::state::is_bound;
+use tissue::sheet::state::{SheetState, is_bound};
 use tissue::vitreous::Vitreous;
 
 /// Bytes kept for marks, bodies, doses and text beside the mesh.
@@ -53,10 +53,10 @@ pub fn bytes_needed(
     mesh(sheet) * (1 + usize::from(bonded)) + retina.map_or(0, mesh) + bricks + BESIDE_THE_MESH
 }
 
-/// Fills scene blocks; keeps the lists that are copied into them.
+/// Fills scene blocks. What changes with every step is written into the block itself; what stays for many steps
+/// is kept, and copied.
 #[derive(Debug)]
 pub struct SceneWriter {
-    nodes: Vec<SceneNode>,
     triangles: Vec<SceneTriangle>,
     /// Topology for which `triangles` holds.
     topology: Option<u64>,
@@ -64,9 +64,6 @@ pub struct SceneWriter {
     beside: Vec<bool>,
     /// Where the nodes lay at the start; it never changes.
     homes: Vec<SceneHome>,
-    marks: Vec<SceneMark>,
-    bodies: Vec<SceneBody>,
-    doses: Vec<f32>,
     elevation: Elevation,
     task: TaskText,
     /// A reset world counts its topology from 0 again, but the renderer must see a change.
@@ -81,13 +78,9 @@ impl SceneWriter {
         let triangles = sheets * sheet.triangles.len() + retina.map_or(0, |s| s.triangles.len());
         SceneWriter {
             homes: homes::homes(world),
-            nodes: Vec::with_capacity(sheets * sheet.nodes() + retina.map_or(0, |s| s.nodes())),
             triangles: Vec::with_capacity(triangles),
             topology: None,
             beside: Vec::with_capacity(retina.map_or(0, |s| s.nodes())),
-            marks: Vec::with_capacity(crate::constants::MAX_MARKS),
-            bodies: Vec::with_capacity(MAX_BODIES + MAX_BALLS),
-            doses: vec![0.0; protocol::dose::CELLS],
             elevation: Elevation {
                 raised: vec![false; sheet.triangles.len()],
                 beside: vec![false; sheet.nodes()],
@@ -118,7 +111,8 @@ impl SceneWriter {
         payload: &mut [u8],
     ) -> SceneHeader {
         let (state, scene) = (world.state(), world.scene());
-        self.collect(world);
+        self.elevation.follow(world);
+        self.update_triangles(world);
         let mut writer = SectionWriter::new(payload);
         let text = if state.notice_kind == 0 { "" } else { notice(state.notice_kind) };
         SceneHeader {
@@ -137,69 +131,50 @@ impl SceneWriter {
             microscope: microscope::view(&state.microscope, &state.optics, scene),
             filter: state.optics.map_or(0, |o| o.filter),
             reserved: 0,
-            nodes: writer.write(&self.nodes).unwrap_or_default(),
+            nodes: self.write_nodes(world, &mut writer).unwrap_or_default(),
             triangles: writer.write(&self.triangles).unwrap_or_default(),
-            marks: writer.write(&self.marks).unwrap_or_default(),
-            bodies: writer.write(&self.bodies).unwrap_or_default(),
+            marks: write_marks(world, &mut writer).unwrap_or_default(),
+            bodies: write_bodies(world, &mut writer).unwrap_or_default(),
             bricks: world.vitreous().and_then(|(v, _)| writer.write(v.haze().bricks())).unwrap_or_default(),
             text: writer
                 .write(self.task.lines(world, text, state.notice_kind).as_bytes())
                 .unwrap_or_default(),
             homes: writer.write(&self.homes).unwrap_or_default(),
-            doses: writer.write(&self.doses).unwrap_or_default(),
+            doses: write_doses(world, &mut writer).unwrap_or_default(),
         }
     }
 
-    fn collect(&mut self, world: &World) {
+    /// Every node, so that a node keeps its number while the retina comes off and lies on: the membrane's,
+    /// those of the retina under a bonded membrane, those of a retina of its own.
+    fn write_nodes(&self, world: &World, writer: &mut SectionWriter) -> Option<Section> {
+        let (section, mut room) = writer.lend::<SceneNode>(self.homes.len())?;
+        let state = world.state();
+        let dye = |i: usize| state.stain.as_ref().map_or(0, |s| s.dye[i]);
+        room = write_sheet(&state.membrane, dye, room);
+        let under = self.elevation.nodes(world);
+        let count = if world.adhesion().is_some() { world.sheet().nodes() } else { 0 };
+        let (lifted, room) = room.split_at_mut(count);
+        lifted.iter_mut().zip(under).for_each(|(room, node)| *room = node);
+        if let Some(retina) = &state.retina {
+            write_sheet(&retina.sheet, |_| 0, room);
+        }
+        Some(section)
+    }
+
+    /// Lists the triangles anew where they have changed.
+    fn update_triangles(&mut self, world: &World) {
         let (state, sheet) = (world.state(), world.sheet());
-        let membrane = &state.membrane;
-        self.nodes.clear();
-        self.nodes.extend((0..membrane.nodes()).map(|i| SceneNode {
-            position_mm: membrane.position(i).into(),
-            flag: shown_flag(membrane.flag[i]),
-            dye: state.stain.as_ref().map_or(0, |s| s.dye[i]),
-        }));
-        for held in membrane.held.iter().flatten() {
-            self.nodes[held.node as usize].position_mm = held.at_in_instrument_mm;
-        }
-        let base = self.nodes.len() as u32;
-        self.elevation.follow(world);
-        self.elevation.nodes(world, &mut self.nodes);
-        let retina_base = self.nodes.len() as u32;
-        self.collect_retina_nodes(world);
         let topology = self.topology_of(world);
-        if self.topology != Some(topology) {
-            self.topology = Some(topology);
-            let alive = sheet.triangles.iter().zip(&membrane.triangle_alive).filter(|(_, a)| **a != 0);
-            self.triangles.clear();
-            self.triangles.extend(alive.map(|(t, _)| SceneTriangle { nodes: *t, tissue: TISSUE_MEMBRANE }));
-            self.triangles.extend(self.elevation.triangles(world, base));
-            self.collect_retina_triangles(world, retina_base);
+        if self.topology.replace(topology) == Some(topology) {
+            return;
         }
-        self.bodies.clear();
-        let models = world.scene().bodies.iter().flat_map(|b| &b.body);
-        let states = state.bodies.iter().flat_map(|b| &b.body);
-        self.bodies.extend(models.zip(states).map(|(scene, state)| body(scene, state)));
-        task_view::balls(world, &mut self.bodies);
-        self.collect_marks(world);
-        for (shown, dose) in self.doses.iter_mut().zip(&state.dose.mj_mm2) {
-            *shown = *dose as f32;
-        }
-    }
-
-    /// Every node of the retina, so that a node keeps its number while the retina comes off and
-    /// lies on.
-    fn collect_retina_nodes(&mut self, world: &World) {
-        let Some(retina) = &world.state().retina else { return };
-        let base = self.nodes.len();
-        self.nodes.extend((0..retina.sheet.nodes()).map(|i| SceneNode {
-            position_mm: retina.sheet.position(i).into(),
-            flag: shown_flag(retina.sheet.flag[i]),
-            dye: 0,
-        }));
-        for held in retina.sheet.held.iter().flatten() {
-            self.nodes[base + held.node as usize].position_mm = held.at_in_instrument_mm;
-        }
+        let base = state.membrane.nodes() as u32;
+        let bonded = if world.adhesion().is_some() { base } else { 0 };
+        let alive = sheet.triangles.iter().zip(&state.membrane.triangle_alive).filter(|(_, a)| **a != 0);
+        self.triangles.clear();
+        self.triangles.extend(alive.map(|(t, _)| SceneTriangle { nodes: *t, tissue: TISSUE_MEMBRANE }));
+        self.triangles.extend(self.elevation.triangles(world, base));
+        self.collect_retina_triangles(world, base + bonded);
     }
 
     /// Only triangles of the retina that are loose, lie elsewhere than at the start, or are gone, and
@@ -232,16 +207,48 @@ impl SceneWriter {
         let retina = world.state().retina.as_ref().map_or(0, |r| r.sheet.topology);
         world.state().membrane.topology + retina + self.elevation.changes
     }
+}
 
-    fn collect_marks(&mut self, world: &World) {
-        let state = world.state();
-        self.marks.clear();
-        self.marks.extend(state.marks.iter().map(|m| SceneMark {
-            position_mm: m.position_mm,
-            radius_mm: m.radius_mm,
-            rgba: BLOOD,
-        }));
+/// Writes the nodes of a sheet; the room behind them is left.
+fn write_sheet<'a>(
+    sheet: &SheetState,
+    dye: impl Fn(usize) -> u16,
+    room: &'a mut [SceneNode],
+) -> &'a mut [SceneNode] {
+    let (own, rest) = room.split_at_mut(sheet.nodes());
+    for (i, node) in own.iter_mut().enumerate() {
+        *node =
+            SceneNode { position_mm: sheet.position(i).into(), flag: shown_flag(sheet.flag[i]), dye: dye(i) };
     }
+    for held in sheet.held.iter().flatten() {
+        own[held.node as usize].position_mm = held.at_in_instrument_mm;
+    }
+    rest
+}
+
+fn write_marks(world: &World, writer: &mut SectionWriter) -> Option<Section> {
+    let mut marks = writer.list();
+    let all = world.state().marks.iter();
+    all.for_each(|m| {
+        marks.push(SceneMark { position_mm: m.position_mm, radius_mm: m.radius_mm, rgba: BLOOD });
+    });
+    marks.end()
+}
+
+fn write_bodies(world: &World, writer: &mut SectionWriter) -> Option<Section> {
+    let mut bodies = writer.list();
+    let models = world.scene().bodies.iter().flat_map(|b| &b.body);
+    let states = world.state().bodies.iter().flat_map(|b| &b.body);
+    models.zip(states).for_each(|(scene, state)| bodies.push(body(scene, state)));
+    task_view::balls(world, |ball| bodies.push(ball));
+    bodies.end()
+}
+
+fn write_doses(world: &World, writer: &mut SectionWriter) -> Option<Section> {
+    let (section, room) = writer.lend::<f32>(protocol::dose::CELLS)?;
+    room.fill(0.0);
+    room.iter_mut().zip(&world.state().dose.mj_mm2).for_each(|(shown, dose)| *shown = *dose as f32);
+    Some(section)
 }
 
 /// Retina that a bonded membrane has lifted: the membrane's triangles once more, between the places
@@ -275,16 +282,17 @@ impl Elevation {
         }
     }
 
-    /// Every node, so that a node keeps its number.
-    fn nodes(&self, world: &World, out: &mut Vec<SceneNode>) {
-        let (Some(adhesion), Some(bonds)) = (world.adhesion(), &world.state().membrane.adhesion) else {
-            return;
-        };
+    /// The retina under every node of a bonded membrane.
+    fn nodes<'a>(&self, world: &'a World) -> impl Iterator<Item = SceneNode> + 'a {
         let radius_mm = world.scene().eye.retina_radius_mm as f32;
-        out.extend(bonds.lifted_mm.iter().enumerate().map(|(node, lifted_mm)| {
-            let up = adhesion.place(bonds, node).normalize();
-            SceneNode { position_mm: (up * (radius_mm - lifted_mm)).into(), flag: NODE_FREE as u16, dye: 0 }
-        }));
+        let bonds = world.adhesion().zip(world.state().membrane.adhesion.as_ref());
+        bonds.into_iter().flat_map(move |(adhesion, bonds)| {
+            bonds.lifted_mm.iter().enumerate().map(move |(node, lifted_mm)| {
+                let up = adhesion.place(bonds, node).normalize();
+                let position_mm = (up * (radius_mm - lifted_mm)).into();
+                SceneNode { position_mm, flag: NODE_FREE as u16, dye: 0 }
+            })
+        })
     }
 
     fn triangles<'a>(&'a self, world: &'a World, base: u32) -> impl Iterator<Item = SceneTriangle> + 'a {

@@ -35,10 +35,11 @@ const OPEN: [f32; 3] = [0.9, 0.6, 0.05];
 const LATER: [f32; 3] = [0.25, 0.3, 0.35];
 const DONE: [f32; 3] = [0.05, 0.5, 0.12];
 
-/// Appends the balls of the world's task.
-pub fn balls(world: &World, out: &mut Vec<SceneBody>) {
+/// Hands out the balls of the world's task, [`MAX_BALLS`] at most.
+pub fn balls(world: &World, mut take: impl FnMut(SceneBody)) {
     let Some((task, state)) = world.task() else { return };
     let radius_mm = world.scene().eye.retina_radius_mm;
+    let mut room = MAX_BALLS;
     for (i, goal) in task.scene().goals.iter().enumerate() {
         let rgb = if state.goals[i].reached {
             DONE
@@ -48,8 +49,9 @@ pub fn balls(world: &World, out: &mut Vec<SceneBody>) {
             LATER
         };
         let mut ball = |at: Vector3<f64>, radius: f64, rgb: [f32; 3], clear: f32| {
-            if out.len() < out.capacity() {
-                out.push(sphere(at, radius, rgb, clear));
+            if room > 0 {
+                room -= 1;
+                take(sphere(at, radius, rgb, clear));
             }
         };
         match goal {

@@ -18,8 +18,8 @@ use protocol::control::Command;
 use protocol::health::{Process, STATE_DEGRADED};
 use protocol::limits::MAX_FIELDS_USED;
 use protocol::matches::MatchFrame;
-use protocol::message::Message;
-use protocol::phases::Phase;
+use protocol::message::{Invalid, Message};
+use protocol::phases::{Phase, Unmarked};
 use protocol::poses::{ClosedBy, TrackerFrame};
 use protocol::time::Nanos;
 use rig::Rig;
@@ -80,13 +80,14 @@ impl TrackerProcess {
 
     /// Takes in all fields that have arrived, and closes frames.
     fn receive_fields(&mut self) -> anyhow::Result<()> {
-        while let Some(field) = self.blobs.next_valid()? {
+        while let Some(field) = self.blobs.next_sample()? {
             let at = now();
             let about = About::camera(field.field, field.camera);
             // The assembler counts refusals; the count is published with every frame.
             if let Err(refusal) = self.assembler.push(&field, at) {
                 tracing::debug!(field = field.field, camera = field.camera, "field refused: {refusal}");
             }
+            drop(field);
             self.shell.trace.end(Phase::Assemble, about, at);
             while let Some(closed) = self.assembler.complete(at) {
                 self.publish(&closed)?;
@@ -99,42 +100,51 @@ impl TrackerProcess {
         Ok(())
     }
 
+    /// Tracks a frame in the memory where its receivers will read it, and sends it.
     fn publish(&mut self, closed: &ClosedFrame) -> anyhow::Result<()> {
         self.newest_field = closed.reference.field;
         let about = About::field(self.newest_field);
         let begun = self.shell.trace.begin();
-        let (used, reference) = (self.assembler.used(), &closed.reference);
-        let mut frame = match self.shell.trace.laps(about) {
-            Some(mut laps) => self.tracker.track_in_phases(used, reference, &mut laps),
-            None => self.tracker.track(used, reference),
-        };
-        close(&mut frame, closed.closed_by);
-        frame.waited_ns = closed.waited_ns;
-        stamp(&mut frame, self.assembler.used(), closed.taken_ns);
-        self.send(frame, about)?;
+        let TrackerProcess { poses, tracker, assembler, shell, .. } = self;
+        let (used, reference) = (assembler.used(), &closed.reference);
+        let refused = assembler.refused().saturating_add(self.blobs.counts().refused as u32);
+        let (mut checked, mut built) = (Ok(()), 0);
+        poses.send_in_place(|frame| {
+            match shell.trace.laps(about) {
+                Some(mut laps) => tracker.track_into(frame, used, reference, &mut laps),
+                None => tracker.track_into(frame, used, reference, &mut Unmarked),
+            }
+            close(frame, closed.closed_by);
+            (frame.waited_ns, frame.fields_refused) = (closed.waited_ns, refused);
+            stamp(frame, used, closed.taken_ns);
+            shell.inject_delay();
+            frame.instants.tracked = now();
+            checked = frame.validate();
+            built = shell.trace.begin();
+            checked.is_ok()
+        })?;
+        match checked {
+            Ok(()) => self.follow_up(about, built)?,
+            Err(invalid) => self.withhold(&invalid),
+        }
         self.shell.trace.end(Phase::Track, about, begun);
         Ok(())
     }
 
-    fn send(&mut self, mut frame: TrackerFrame, about: About) -> anyhow::Result<()> {
-        let refused = self.assembler.refused().saturating_add(self.blobs.counts().refused as u32);
-        frame.fields_refused = refused;
-        self.shell.inject_delay();
-        frame.instants.tracked = now();
-        if let Err(invalid) = frame.validate() {
-            // The tracker's own chokepoint: an invalid frame is not sent.
-            tracing::error!(field = frame.field, frame = frame.frame, "frame withheld: {invalid}");
-            self.withheld += 1;
-            self.shell.report.state = STATE_DEGRADED;
-            self.shell.set_text(&format!("{} frames withheld", self.withheld));
-            return Ok(());
-        }
-        let begun = self.shell.trace.begin();
-        self.poses.send(&frame)?;
-        // After the poses, which somebody waits for.
+    /// The tracker's own chokepoint: an invalid frame is not sent.
+    fn withhold(&mut self, invalid: &Invalid) {
+        let (field, frame) = (self.newest_field, self.tracker.matches().frame);
+        tracing::error!(field, frame, "frame withheld: {invalid}");
+        self.withheld += 1;
+        self.shell.report.state = STATE_DEGRADED;
+        self.shell.set_text(&format!("{} frames withheld", self.withheld));
+    }
+
+    /// Sends what nobody waits for, after the poses, for which somebody waits.
+    fn follow_up(&mut self, about: About, built: Nanos) -> anyhow::Result<()> {
         self.matches.send(self.tracker.matches())?;
-        let begun = self.shell.trace.end(Phase::SendPoses, about, begun);
-        if self.saving.save_if_due(&self.tracker, &frame)? {
+        let begun = self.shell.trace.end(Phase::SendPoses, about, built);
+        if self.saving.save_if_due(&self.tracker)? {
             self.shell.trace.end(Phase::SaveTracker, about, begun);
         }
         Ok(())

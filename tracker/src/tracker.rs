@@ -170,33 +170,36 @@ impl Tracker {
     /// Consumes `used` in this order and returns the poses at the exposure `reference`. The process
     /// fills in the instants but `exposed`, the wait, and how the frame was closed.
     pub fn track(&mut self, used: &[BlobField], reference: &Reference) -> TrackerFrame {
-        self.track_in_phases(used, reference, &mut Unmarked)
+        let mut frame = TrackerFrame::zeroed();
+        self.track_into(&mut frame, used, reference, &mut Unmarked);
+        frame
     }
 
-    /// As [`Tracker::track`]; the end of each phase is marked on `phases`, which changes no result.
-    pub fn track_in_phases(
+    /// As [`Tracker::track`], into `frame`, whatever it held; the end of each phase is marked on `phases`, which
+    /// changes no result.
+    pub fn track_into(
         &mut self,
+        frame: &mut TrackerFrame,
         used: &[BlobField],
         reference: &Reference,
         phases: &mut impl Phases,
-    ) -> TrackerFrame {
+    ) {
         let used = &used[..used.len().min(MAX_FIELDS_USED)];
-        let mut frame = self.begin_frame(reference);
+        self.begin_frame(frame, reference);
         let mut newest = None;
         for group in groups(used, self.rig.at_rate.group_ns) {
             match self.update(group, reference, phases) {
                 Some(update) => self.recycle(newest.replace(update)),
                 None => self.matches.note_unknown(group),
             }
-            self.list_fields(group, &mut frame);
+            self.list_fields(group, frame);
         }
         self.estimate_drift(newest, reference.exposed_ns);
         phases.ended(Phase::Drift);
         self.predict(reference.exposed_ns);
         phases.ended(Phase::Predict);
-        let frame = self.publish(frame);
+        self.write_poses(frame);
         phases.ended(Phase::WritePoses);
-        frame
     }
 
     /// One update with the fields of one instant; `None` where none of them is of a camera of the
@@ -227,19 +230,18 @@ impl Tracker {
         Some(Update { association: estimate.association, accepted })
     }
 
-    fn begin_frame(&mut self, reference: &Reference) -> TrackerFrame {
-        let mut frame = TrackerFrame::zeroed();
+    fn begin_frame(&mut self, frame: &mut TrackerFrame, reference: &Reference) {
+        *frame = TrackerFrame::zeroed();
         frame.field = reference.field;
         frame.camera = reference.camera;
         frame.frame = self.frame;
         frame.instants.exposed = reference.exposed_ns;
         self.frame += 1;
-        self.matches.begin(&frame);
+        self.matches.begin(frame);
         self.cameras_in_frame = 0;
         for track in self.tracks.iter_mut() {
             track.begin_frame();
         }
-        frame
     }
 
     /// Predicts all bodies at an instant.
@@ -294,14 +296,13 @@ impl Tracker {
         }
     }
 
-    fn publish(&mut self, mut frame: TrackerFrame) -> TrackerFrame {
+    fn write_poses(&mut self, frame: &mut TrackerFrame) {
         for (body, track) in self.tracks.iter_mut().enumerate() {
             frame.bodies[body] = track.state(&self.rig, body, frame.instants.exposed, self.cameras_in_frame);
         }
         if let Some(watch) = &self.watch {
             (frame.cameras_left_out, frame.cameras_estimated) = (watch.left_out(), watch.estimated());
         }
-        frame
     }
 }
 

@@ -199,11 +199,13 @@ fn phases_that_are_marked_come_in_their_order_and_change_nothing() {
     let stream = load("nominal");
     let mut tracker = Tracker::new(&stream.rig);
     let mut compared = 0;
+    let mut again: TrackerFrame = bytemuck::pod_read_unaligned(&[0xff; size_of::<TrackerFrame>()]);
     track_stream(&stream.rig, &stream.fields, |frame, used| {
         let reference =
             Reference { camera: frame.camera, field: frame.field, exposed_ns: frame.instants.exposed };
         let mut ended = Ended::default();
-        let again = tracker.track_in_phases(used, &reference, &mut ended);
+        // Into memory that holds something else, as shared memory does.
+        tracker.track_into(&mut again, used, &reference, &mut ended);
         assert!(bytemuck::bytes_of(&again) == bytemuck::bytes_of(frame), "frame {}", frame.frame);
         // One update or more, as fields are of one instant or of several.
         let updates = ended.0.strip_suffix(&[Drift, Predict, WritePoses]).expect("the end of a frame");

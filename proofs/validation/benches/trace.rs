@@ -10,7 +10,8 @@ use ipc::clock::now;
 use ipc::trace::{About, Trace, TraceArgs};
 use protocol::blobs::BlobField;
 use protocol::health::Process;
-use protocol::phases::Phase;
+use protocol::phases::{Phase, Unmarked};
+use protocol::poses::TrackerFrame;
 use protocol::steps::StepInputs;
 use rig::Rig;
 use scene::SceneFile;
@@ -80,6 +81,7 @@ fn measure<S: Subject>(inputs: usize, make: impl Fn() -> S) -> Times {
 struct Frames<'a> {
     frames: &'a [(Vec<BlobField>, Reference)],
     tracker: Tracker,
+    frame: TrackerFrame,
     trace: Trace,
 }
 
@@ -89,7 +91,8 @@ impl Subject for Frames<'_> {
         let (used, reference) = &frames[i];
         let about = About::field(reference.field);
         if !traced {
-            black_box(self.tracker.track(used, reference));
+            self.tracker.track_into(&mut self.frame, used, reference, &mut Unmarked);
+            black_box(&self.frame);
             return;
         }
         // A field of each camera, the frame, and its sending.
@@ -98,7 +101,8 @@ impl Subject for Frames<'_> {
         }
         let begun = self.trace.begin();
         let mut laps = self.trace.laps(about).expect("it traces");
-        black_box(self.tracker.track_in_phases(used, reference, &mut laps));
+        self.tracker.track_into(&mut self.frame, used, reference, &mut laps);
+        black_box(&self.frame);
         self.note(Phase::SendPoses, about);
         self.trace.end(Phase::Track, about, begun);
     }
@@ -155,7 +159,12 @@ fn frames() -> Times {
         assembler
             .add(field, field.blobs_out_ns, |used, closed| frames.push((used.to_vec(), closed.reference)));
     }
-    let make = || Frames { frames: &frames, tracker: Tracker::new(&rig), trace: trace(Process::Tracker) };
+    let make = || Frames {
+        frames: &frames,
+        tracker: Tracker::new(&rig),
+        frame: bytemuck::Zeroable::zeroed(),
+        trace: trace(Process::Tracker),
+    };
     measure(frames.len(), make)
 }
 

@@ -1,7 +1,7 @@
 //! Senders and receivers of a header with a payload of variable size, written in place.
 
 use super::IpcError;
-use super::channel::{Account, Counts, MAX_SUBSCRIBERS, message_of};
+use super::channel::{Account, Counts, MAX_SUBSCRIBERS, checked};
 use super::instance::Instance;
 use super::port::{Channel, Held, Lent, ReceivePort, SendPort, Stamp, UNIT};
 use super::wake::{Listener, Wakes};
@@ -56,12 +56,12 @@ impl<H: Message> BlockSender<H> {
             return Err(IpcError::TooLarge { channel: H::CHANNEL, bytes, capacity: self.capacity });
         }
         let mut write = Some(write);
-        self.stamp.sent_ns = now();
         self.port.send(self.stamp, head::<H>() + bytes, &mut |all| {
             let (header, payload) = all.split_at_mut(head::<H>());
             if let Some(write) = write.take() {
                 header[..size_of::<H>()].copy_from_slice(bytemuck::bytes_of(&write(payload)));
             }
+            true
         })?;
         self.stamp.seq += 1;
         Ok(())
@@ -131,7 +131,7 @@ impl<H: Message> BlockReceiver<H> {
         loop {
             let Some(held) = self.port.receive()? else { return Ok(None) };
             self.account.note(&held.stamp());
-            match message_of::<H>(&held) {
+            match checked::<H>(&held).copied() {
                 Ok(header) if held.bytes().len() >= head::<H>() => {
                     return Ok(Some(BlockSample { header, held }));
                 }

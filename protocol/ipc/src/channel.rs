@@ -1,12 +1,13 @@
 //! Senders and receivers of fixed blocks.
 
 use super::instance::Instance;
-use super::port::{Channel, Held, ReceivePort, SendPort, Stamp};
+use super::port::{Channel, Held, ReceivePort, SendPort, Stamp, UNIT};
 use super::wake::{Listener, Wakes};
 use super::{IpcError, Queue};
 use crate::clock::now;
 use protocol::message::{Invalid, Message, require};
 use std::marker::PhantomData;
+use std::ops::Deref;
 
 /// Subscribers of a channel of large blocks, of which a sender has room for a queue each: four processes, launcher,
 /// and three of other makers.
@@ -38,12 +39,26 @@ impl<M: Message> Sender<M> {
     /// # Errors
     /// Where the transport fails.
     pub fn send(&mut self, message: &M) -> Result<(), IpcError> {
-        self.stamp.sent_ns = now();
-        let message = bytemuck::bytes_of(message);
-        self.port
-            .send(self.stamp, message.len(), &mut |bytes| bytes[..message.len()].copy_from_slice(message))?;
-        self.stamp.seq += 1;
+        self.send_in_place(|block| {
+            *block = *message;
+            true
+        })?;
         Ok(())
+    }
+
+    /// Lends a block of shared memory to `build`, then sends it and wakes its receivers; where `build` says
+    /// false, nothing is sent. The block holds whatever an earlier one left there. True where it was sent.
+    ///
+    /// # Errors
+    /// Where the transport fails.
+    pub fn send_in_place(&mut self, build: impl FnOnce(&mut M) -> bool) -> Result<bool, IpcError> {
+        let mut build = Some(build);
+        let sent = self.port.send(self.stamp, size_of::<M>(), &mut |bytes| {
+            let block = bytemuck::from_bytes_mut(&mut bytes[..size_of::<M>()]);
+            build.take().is_some_and(|build| build(block))
+        })?;
+        self.stamp.seq += u64::from(sent);
+        Ok(sent)
     }
 
     /// Blocks sent so far.
@@ -54,6 +69,21 @@ impl<M: Message> Sender<M> {
 
 /// A block that came in, or the reason why it was refused.
 pub type Received<M> = Result<M, Invalid>;
+
+/// A valid block, where its sender built it; the shared memory is given back when this is dropped. A receiver
+/// holds two at most.
+pub struct Sample<M: Message> {
+    held: Held,
+    holds: PhantomData<fn() -> M>,
+}
+
+impl<M: Message> Deref for Sample<M> {
+    type Target = M;
+
+    fn deref(&self) -> &M {
+        bytemuck::from_bytes(&self.held.bytes()[..size_of::<M>()])
+    }
+}
 
 /// Receives blocks of one channel.
 pub struct Receiver<M: Message> {
@@ -69,11 +99,29 @@ impl<M: Message> Receiver<M> {
     /// # Errors
     /// Where the transport fails.
     pub fn receive(&mut self) -> Result<Option<Received<M>>, IpcError> {
+        Ok(self.receive_sample()?.map(|sample| sample.map(|block| *block)))
+    }
+
+    fn receive_sample(&mut self) -> Result<Option<Result<Sample<M>, Invalid>>, IpcError> {
         let Some(held) = self.port.receive()? else { return Ok(None) };
         self.account.note(&held.stamp());
-        let message = message_of::<M>(&held);
-        self.account.refused += u64::from(message.is_err());
-        Ok(Some(message))
+        let checked = checked::<M>(&held).map(drop);
+        self.account.refused += u64::from(checked.is_err());
+        Ok(Some(checked.map(|()| Sample { held, holds: PhantomData })))
+    }
+
+    /// The next valid block, to be read where it lies; refused ones are counted and passed over.
+    ///
+    /// # Errors
+    /// Where the transport fails.
+    pub fn next_sample(&mut self) -> Result<Option<Sample<M>>, IpcError> {
+        loop {
+            match self.receive_sample()? {
+                None => return Ok(None),
+                Some(Ok(sample)) => return Ok(Some(sample)),
+                Some(Err(_)) => {}
+            }
+        }
     }
 
     /// The next valid block; refused ones are counted and passed over.
@@ -81,13 +129,7 @@ impl<M: Message> Receiver<M> {
     /// # Errors
     /// Where the transport fails.
     pub fn next_valid(&mut self) -> Result<Option<M>, IpcError> {
-        loop {
-            match self.receive()? {
-                None => return Ok(None),
-                Some(Ok(message)) => return Ok(Some(message)),
-                Some(Err(_)) => {}
-            }
-        }
+        Ok(self.next_sample()?.map(|sample| *sample))
     }
 
     /// Blocks taken in, lost by overflow, and refused by validation so far.
@@ -144,11 +186,12 @@ impl Account {
 }
 
 /// The message at the start of a block, checked.
-pub(super) fn message_of<M: Message>(held: &Held) -> Received<M> {
+pub(super) fn checked<M: Message>(held: &Held) -> Result<&M, Invalid> {
+    const { assert!(align_of::<M>() <= UNIT, "a block begins on a border of units") };
     let bytes = held.bytes();
     let whole = bytes.len() >= size_of::<M>();
     require(whole, M::CHANNEL, "block", "as many bytes as the message has", bytes.len() as f64)?;
-    let message: M = bytemuck::pod_read_unaligned(&bytes[..size_of::<M>()]);
+    let message: &M = bytemuck::from_bytes(&bytes[..size_of::<M>()]);
     message.validate()?;
     Ok(message)
 }

@@ -36,7 +36,7 @@ mod wake;
 mod whole;
 
 pub use block::{BlockReceiver, BlockSample, BlockSender, Loan};
-pub use channel::{Counts, Received, Receiver, Sender};
+pub use channel::{Counts, Received, Receiver, Sample, Sender};
 pub use controls::ControlSender;
 pub use instance::{Instance, instance_directory, shared_memory_prefix};
 pub use wake::{Bell, BellRope, Listener, MAX_SOURCES, Wakes, wait, wait_beside};

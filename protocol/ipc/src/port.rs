@@ -7,6 +7,7 @@
 
 use super::wake::{Listener, Notifier};
 use super::{IpcError, transport};
+use crate::clock::now;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
@@ -155,8 +156,14 @@ impl Ports for Node<Service> {
 /// A channel's sending side.
 pub(super) trait SendPort {
     /// Lends at least `bytes` of shared memory, a multiple of [`UNIT`], to `write`, then sends them
-    /// and wakes the receivers. The memory holds whatever an earlier block left there.
-    fn send(&mut self, stamp: Stamp, bytes: usize, write: &mut dyn FnMut(&mut [u8])) -> Result<(), IpcError>;
+    /// and wakes the receivers; where `write` says false, nothing is sent. The memory holds whatever an
+    /// earlier block left there.
+    fn send(
+        &mut self,
+        stamp: Stamp,
+        bytes: usize,
+        write: &mut dyn FnMut(&mut [u8]) -> bool,
+    ) -> Result<bool, IpcError>;
     /// Lends at least `bytes` of shared memory, as [`SendPort::send`] does, to be sent later or not at all.
     fn lend(&mut self, bytes: usize) -> Result<Box<dyn Lent>, IpcError>;
     /// Sends what was lent, and wakes the receivers.
@@ -194,17 +201,24 @@ struct Sending {
 }
 
 impl SendPort for Sending {
-    fn send(&mut self, stamp: Stamp, bytes: usize, write: &mut dyn FnMut(&mut [u8])) -> Result<(), IpcError> {
+    fn send(
+        &mut self,
+        stamp: Stamp,
+        bytes: usize,
+        write: &mut dyn FnMut(&mut [u8]) -> bool,
+    ) -> Result<bool, IpcError> {
         let units = bytes.div_ceil(UNIT).max(1);
         let sample = self.publisher.loan_slice_uninit(units).map_err(transport(self.channel, "loan"))?;
         // SAFETY: `Unit` is sixteen plain bytes, valid whatever they hold, and pages of a shared
         // memory file are never uninitialised: they hold zeros or an earlier block.
         let mut sample = unsafe { sample.assume_init() };
-        write(as_bytes_mut(sample.payload_mut()));
-        *sample.user_header_mut() = stamp;
+        if !write(as_bytes_mut(sample.payload_mut())) {
+            return Ok(false);
+        }
+        *sample.user_header_mut() = Stamp { sent_ns: now(), ..stamp };
         sample.send().map_err(transport(self.channel, "send"))?;
         self.notifier.notify();
-        Ok(())
+        Ok(true)
     }
 
     fn lend(&mut self, bytes: usize) -> Result<Box<dyn Lent>, IpcError> {
@@ -291,9 +305,14 @@ mod tests {
         // More than are ever borrowed at once: what is dropped is lent again.
         for seq in 0..100 {
             let stamp = Stamp { seq, ..Stamp::default() };
-            sender.send(stamp, 33, &mut |bytes| bytes.fill(seq as u8)).unwrap();
+            let sent = sender.send(stamp, 33, &mut |bytes| {
+                bytes.fill(seq as u8);
+                true
+            });
+            assert!(sent.unwrap());
+            assert!(!sender.send(stamp, 33, &mut |_| false).unwrap(), "lent, and given back unsent");
             let held = receiver.receive().unwrap().expect("a block");
-            assert_eq!((held.stamp(), held.bytes().len()), (stamp, 48));
+            assert_eq!((held.stamp().seq, held.bytes().len()), (seq, 48));
             assert_eq!(held.bytes().as_ptr() as usize % UNIT, 0);
             assert!(held.bytes().iter().all(|b| *b == seq as u8));
         }

@@ -5,7 +5,7 @@ use anyhow::Context;
 use ipc::Instance;
 use ipc::checkpoints::CheckpointSender;
 use protocol::checkpoints::{CheckpointTimes, TrackerCheckpointHeader};
-use protocol::poses::TrackerFrame;
+use protocol::matches::MatchFrame;
 
 /// Room for what a tracker learns, as a multiple of what it begins with, and bytes besides: matrices that
 /// are no longer symmetric to the bit are twice as long, and cameras that are resected keep what was seen
@@ -32,15 +32,14 @@ impl Saving {
         self.times = CheckpointTimes::default();
     }
 
-    /// Sends a checkpoint where one is due after `frame`, which has been sent: nobody waits for it. True where
-    /// one was.
-    pub(super) fn save_if_due(&mut self, tracker: &Tracker, frame: &TrackerFrame) -> anyhow::Result<bool> {
-        let exposed_ns = frame.instants.exposed;
+    /// Sends a checkpoint where one is due after the newest frame, which has been sent: nobody waits for it.
+    /// True where one was.
+    pub(super) fn save_if_due(&mut self, tracker: &Tracker) -> anyhow::Result<bool> {
+        let &MatchFrame { frame, field, exposed_ns, .. } = tracker.matches();
         if !self.times.after_frame(exposed_ns) {
             return Ok(false);
         }
-        let header =
-            |bytes| TrackerCheckpointHeader { frame: frame.frame, field: frame.field, exposed_ns, bytes };
+        let header = |bytes| TrackerCheckpointHeader { frame, field, exposed_ns, bytes };
         self.checkpoints.send(|saved| tracker.save(saved).context("checkpoint"), header)?;
         Ok(true)
     }

@@ -1,0 +1,132 @@
+//! What it costs to hand a message on: built aside and copied in and out, or built and read where it lies in
+//! shared memory; and the scene block of a step: `cargo bench -p simcore --bench transport`.
+//! Both ways take turns, and the median of many messages counts.
+
+use bytemuck::Zeroable;
+use ipc::clock::now;
+use ipc::{Instance, Queue, Receiver, Sender};
+use protocol::blobs::BlobField;
+use protocol::message::Message;
+use protocol::poses::TrackerFrame;
+use protocol::scene::{SceneHeader, Section};
+use protocol::steps::StepRecord;
+use scene::SceneFile;
+use simcore::scene_block::{SceneWriter, bytes_needed};
+use simcore::world::{World, no_clock};
+use std::fmt::Debug;
+use std::hint::black_box;
+use surgeon::rehearsal::Rehearsal;
+
+/// Messages each way.
+const MESSAGES: usize = 20_000;
+/// Steps of a scene that are written.
+const STEPS: u64 = 600;
+
+/// A sender and a receiver in one process: no switch between processes is measured.
+struct Pair<M: Message> {
+    sender: Sender<M>,
+    receiver: Receiver<M>,
+}
+
+impl<M: Message + Debug> Pair<M> {
+    fn copied(&mut self, build: fn(&mut M, u64), n: u64) {
+        let mut message = M::zeroed();
+        build(&mut message, n);
+        self.sender.send(&message).expect("sent");
+        let received = self.receiver.next_valid().expect("the channel works").expect("a message");
+        black_box(&received);
+    }
+
+    fn in_place(&mut self, build: fn(&mut M, u64), n: u64) {
+        let sent = self.sender.send_in_place(|message| {
+            *message = M::zeroed();
+            build(message, n);
+            true
+        });
+        assert!(sent.expect("sent"));
+        let sample = self.receiver.next_sample().expect("the channel works").expect("a message");
+        black_box(&*sample);
+    }
+}
+
+fn took(work: impl FnOnce()) -> u64 {
+    let begin = now();
+    work();
+    now() - begin
+}
+
+fn median_us(mut times: Vec<u64>) -> f64 {
+    times.sort_unstable();
+    times[times.len() / 2] as f64 * 1e-3
+}
+
+fn message<M: Message + Debug>(instance: &Instance, name: &str, build: fn(&mut M, u64)) {
+    let (sender, receiver) = (instance.sender(), instance.receiver(Queue::InOrder));
+    let mut pair = Pair::<M> { sender: sender.expect("sender"), receiver: receiver.expect("receiver") };
+    let (mut copied, mut in_place) = (Vec::new(), Vec::new());
+    for n in 1..=MESSAGES as u64 {
+        copied.push(took(|| pair.copied(build, n)));
+        in_place.push(took(|| pair.in_place(build, n)));
+    }
+    let bytes = 2 * size_of::<M>();
+    let (copied, in_place) = (median_us(copied), median_us(in_place));
+    println!("{name:<22}{bytes:>16}{copied:>14.2}{:>16}{in_place:>14.2}", 0);
+}
+
+/// Bytes of a scene block in all, and of those that are kept and copied: triangles, places at the start, haze
+/// and text.
+fn bytes_of(header: &SceneHeader) -> [usize; 2] {
+    use protocol::scene::{SceneBody, SceneBrick, SceneHome, SceneMark, SceneNode, SceneTriangle};
+    let of = |section: Section, size: usize| section.count as usize * size;
+    let kept = of(header.triangles, size_of::<SceneTriangle>())
+        + of(header.homes, size_of::<SceneHome>())
+        + of(header.bricks, size_of::<SceneBrick>())
+        + of(header.text, 1);
+    let new = of(header.nodes, size_of::<SceneNode>())
+        + of(header.marks, size_of::<SceneMark>())
+        + of(header.bodies, size_of::<SceneBody>())
+        + of(header.doses, size_of::<f32>());
+    [kept + new, kept]
+}
+
+fn scene_block(name: &str) {
+    let scene = SceneFile::load(name).expect("the shipped scenes are tested");
+    let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).expect("a world"));
+    let mut writer = SceneWriter::new(&world);
+    let retina = world.retina().map(|r| &r.body.mesh);
+    let vitreous = world.vitreous().map(|(v, _)| v);
+    let needed = bytes_needed(world.sheet(), world.adhesion().is_some(), vitreous, retina);
+    let mut block = vec![0u128; needed.div_ceil(size_of::<u128>())];
+    let (mut times, mut bytes) = (Vec::new(), [0; 2]);
+    for field in 0..STEPS {
+        world.step(&rehearsal.inputs(field).input(), &mut no_clock);
+        let payload = bytemuck::cast_slice_mut(&mut block);
+        times.push(took(|| bytes = bytes_of(&writer.write(&world, Zeroable::zeroed(), 0, payload))));
+    }
+    println!(
+        "{:<22}{:>16}{:>14}{:>16}{:>14.2}",
+        format!("scene {name}"),
+        bytes[0],
+        "-",
+        bytes[1],
+        median_us(times)
+    );
+}
+
+fn main() {
+    let name = format!("bench{}", std::process::id());
+    let instance = Instance::own(&name).expect("an instance");
+    println!("{:<22}{:>16}{:>14}{:>16}{:>14}", "message", "bytes copied", "µs", "in place, bytes", "µs");
+    message::<TrackerFrame>(&instance, "poses", |frame, n| {
+        (frame.frame, frame.field, frame.instants.exposed) = (n, n, n);
+        frame.bodies.iter_mut().for_each(|body| {
+            body.world_from_body = protocol::geometry::Pose::IDENTITY;
+            body.covariance.iter_mut().for_each(|c| *c = 1e-6);
+        });
+    });
+    message::<BlobField>(&instance, "blobs", |field, n| {
+        (field.field, field.exposed_ns, field.read_out_ns, field.blobs_out_ns) = (n, n, n, n);
+    });
+    message::<StepRecord>(&instance, "steps", |step, n| (step.step, step.instants.exposed) = (n, n));
+    ["peel", "erm", "vitrectomy", "lift"].into_iter().for_each(scene_block);
+}
