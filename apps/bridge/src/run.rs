@@ -21,7 +21,7 @@ use tracing::Level;
 
 /// Period of looking for a simulator.
 const LOOK: Duration = Duration::from_millis(200);
-/// Longest wait for poses, ns; then it is looked whether the simulator is still there.
+/// Longest wait for poses, and how often it is looked whether the simulator is still there, ns.
 const WAIT_NS: u64 = 200_000_000;
 /// The wall clock is looked at again after so long, ns.
 const CLOCK_NS: u64 = 1_000_000_000;
@@ -106,7 +106,15 @@ impl Bridge {
         let host = Host::of(instance);
         let mut poses: Receiver<TrackerFrame> = instance.receiver(Queue::InOrder)?;
         message(Level::INFO, &format!("poses of the simulator '{}'", instance.name()));
-        while self.goes_on() && host.is_there() {
+        let mut looked_ns = 0;
+        while self.goes_on() {
+            // Asks the file system, which costs more than a frame.
+            if now() > looked_ns + WAIT_NS {
+                if !host.is_there() {
+                    break;
+                }
+                looked_ns = now();
+            }
             wait(&[&poses], WAIT_NS);
             while let Some(frame) = poses.next_valid()? {
                 let offset_ns = self.offset_ns();
