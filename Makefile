@@ -134,12 +134,13 @@ setup-python:
 	@[ -x .venv/bin/pip ] || python3 -m venv .venv
 	.venv/bin/pip install -q -r tests/python/requirements.txt
 
-test-python: setup setup-python ## Read a fresh recording with Python's mcap
-	cargo build --release
+test-python: setup setup-python ## Read a fresh recording with Python's mcap, and live poses by OpenIGTLink and the Lab Streaming Layer
+	cargo build --release --workspace
 	@mkdir -p out
 	$(RELEASE) run --no-picture --direct --instance python --duration 4 --force --record out/python.mcap
 	.venv/bin/python tests/python/read_recording.py out/python.mcap
 	.venv/bin/python tests/python/igtl_client.py $(RELEASE) out/igtl.mcap
+	.venv/bin/python tests/python/lsl_client.py $(abspath $(TARGET))/release out/lsl.mcap
 
 test-drivers: setup setup-python ## Kill a driver a hundred times during a run, and install and use the Python package (KILLS=1000)
 	cargo build --release --workspace
@@ -176,6 +177,7 @@ bench: setup ## Measure the parts, and latency and CPU cost without and with the
 	cargo bench -p validation --bench vitreous
 	cargo bench -p replay --bench snapshot
 	cargo bench -p validation --bench trace
+	cargo bench -p simcore --bench transport
 	cargo build --release
 	@mkdir -p out
 	$(RELEASE) run --no-picture --instance bench --duration 30 --force --report out/bench-no-picture.json
