@@ -4,12 +4,12 @@
 //!
 //! | channel | block | sender → receivers | rate | rule |
 //! |---|---|---|---|---|
-//! | `fields` | [`fields::FieldHeader`] + pixels | rig or cameras → fpga-model | rig's | every one |
-//! | `blobs` | [`blobs::BlobField`] | fpga-model or rig → tracker, recorder | 3 × 50 Hz | every one |
-//! | `handles` | [`handles::HandleState`] | rig, desk or controls → simcore, recorder | ≥ 50 Hz | every one |
-//! | `pedal` | [`handles::PedalState`] | rig, desk or controls → simcore, recorder | ≥ 10 Hz | every one |
-//! | `poses` | [`poses::TrackerFrame`] | tracker, desk → simcore, renderer | 50 Hz | every one, or newest |
-//! | `matches` | [`matches::MatchFrame`] | tracker → recorder | 50 Hz | every one |
+//! | `fields` | [`fields::FieldHeader`] + pixels | rig, cameras or driver → fpga-model | rig's | every one |
+//! | `blobs` | [`blobs::BlobField`] | fpga-model, rig or driver → tracker, recorder | 3 × 50 Hz | every one |
+//! | `handles` | [`handles::HandleState`] | rig, desk, controls or driver → simcore, recorder | ≥ 50 Hz | every one |
+//! | `pedal` | [`handles::PedalState`] | rig, desk, controls or driver → simcore, recorder | ≥ 10 Hz | every one |
+//! | `poses` | [`poses::TrackerFrame`] | tracker, desk or driver → simcore, renderer | rig's | every one, or newest |
+//! | `matches` | [`matches::MatchFrame`] | tracker → recorder | rig's | every one |
 //! | `scene` | [`scene::SceneHeader`] + sections | simcore → renderer, rig | per step | newest wins |
 //! | `steps` | [`steps::StepRecord`] | simcore → launcher | per step | every one |
 //! | `checkpoints` | [`steps::CheckpointHeader`] + bytes | simcore → launcher | ≥ 0.5 Hz | newest wins |

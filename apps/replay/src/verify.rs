@@ -194,7 +194,7 @@ impl PoseProof {
     fn text(&self) -> String {
         let PoseProof { recorded, compared, identical, .. } = self;
         if self.desk {
-            return format!("{recorded} poses of a desk, without cameras");
+            return format!("{recorded} poses of a desk or of another tracker, without cameras");
         }
         let Some(version) = self.other_version else {
             return format!("{identical} of {recorded} poses from recorded blobs identical");
