@@ -1,7 +1,9 @@
 //! What is packed: one version, every program, files that exist, options that the commands take.
 
+use std::fs::Permissions;
+use std::os::unix::fs::PermissionsExt;
 use std::process::Command;
-use vitreo_tests::repository;
+use vitreo_tests::{Watchdog, repository};
 
 fn read(path: &str) -> String {
     std::fs::read_to_string(repository().join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
@@ -102,6 +104,17 @@ fn the_service_asks_for_what_its_document_says() {
     ] {
         assert!(unit.lines().any(|l| l == line), "{line} is missing");
     }
+    // The one with a picture is the same, but for what the display needs.
+    let display = read("packaging/systemd/vitreo-rig-display.service");
+    let shown = "ExecStart=/usr/lib/vitreo/rig-display";
+    let of_both = unit.lines().filter(|l| {
+        !["Description=", "ExecStart=", "WantedBy=", "ProtectHome=", "ReadWritePaths=", "#"]
+            .iter()
+            .any(|w| l.starts_with(w))
+    });
+    for line in of_both.chain([shown, "Conflicts=vitreo-rig.service getty@tty1.service"]) {
+        assert!(display.lines().any(|l| l == line), "{line} is missing from the service with a display");
+    }
     let page = read("docs/install.md");
     assert!(page.contains("--instance rig") && page.contains("/var/lib/vitreo"));
     for script in ["postinst", "postrm"] {
@@ -113,4 +126,40 @@ fn the_service_asks_for_what_its_document_says() {
             "{script} takes something away"
         );
     }
+}
+
+/// Runs `packaging/rig-display` with programs in the place of cage and vitreo: the one hands no exit code on, as
+/// cage 0.1.4, the other does `run`. With `stop` it is asked to stop once that has begun.
+fn on_a_display(run: &str, stop: bool) -> Option<i32> {
+    let folder = tempfile::tempdir().expect("folder");
+    let file = |name: &str| folder.path().join(name);
+    let program = |name: &str, text: &str| {
+        std::fs::write(file(name), format!("#!/bin/sh\n{text}\n")).expect("written");
+        std::fs::set_permissions(file(name), Permissions::from_mode(0o755)).expect("made a program");
+    };
+    program("cage", "shift 2; \"$@\"; exit 0");
+    program("vitreo", &format!("begun={}\n{run}", file("begun").display()));
+    let path = format!("{}:{}", folder.path().display(), std::env::var("PATH").expect("a path"));
+    let script = repository().join("packaging/rig-display");
+    let mut child = Command::new(script).env("PATH", path).spawn().expect("a shell");
+    let watchdog = Watchdog::on(child.id());
+    if stop {
+        while !file("begun").exists() && child.try_wait().expect("asked").is_none() {
+            std::thread::yield_now();
+        }
+        let pid = rustix::process::Pid::from_child(&child);
+        rustix::process::kill_process(pid, rustix::process::Signal::TERM).expect("signalled");
+    }
+    let code = child.wait().expect("it ends").code();
+    assert!(!watchdog.barked(), "it hung");
+    code
+}
+
+#[test]
+fn a_rig_on_a_display_ends_with_the_code_of_its_simulator_and_stops_in_order() {
+    assert_eq!(on_a_display("exit 2", false), Some(2));
+    assert_eq!(on_a_display("[ \"$*\" = 'run --instance rig --unscripted --full-screen' ]", false), Some(0));
+    // Ends once it is asked to, with a loss that it told.
+    let until_asked = "trap 'exit 3' TERM; >$begun; while :; do sleep 0.01; done";
+    assert_eq!(on_a_display(until_asked, true), Some(3));
 }

@@ -3,6 +3,7 @@
 mod devices;
 mod graphics;
 mod leftovers;
+mod rig;
 mod system;
 
 use crate::exit::FAILED;
@@ -13,6 +14,10 @@ use std::process::ExitCode;
 /// Arguments of `vitreo doctor`.
 #[derive(Debug, clap::Args)]
 pub struct DoctorArgs {
+    /// Look at the rig that table [run] of the settings names, too: its file, cameras, pedal, handles and
+    /// display, and whether this user may use them.
+    #[arg(long)]
+    pub rig: bool,
     /// Write JSON for a program to read.
     #[arg(long)]
     pub json: bool,
@@ -84,7 +89,10 @@ fn table(checks: &[Check]) -> String {
 /// # Errors
 /// Where the JSON cannot be written.
 pub fn run(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
-    let checks = every_check();
+    let mut checks = every_check();
+    if args.rig {
+        checks.extend(rig::checks());
+    }
     if args.json {
         println!("{}", serde_json::to_string_pretty(&checks)?);
     } else {
@@ -100,7 +108,7 @@ mod tests {
 
     #[test]
     fn every_complaint_says_what_to_do() {
-        for check in every_check() {
+        for check in every_check().into_iter().chain(rig::checks()) {
             assert_eq!(check.state == State::Ok, check.mend.is_none(), "{check:?}");
             assert!(!check.found.is_empty(), "{check:?}");
         }

@@ -57,7 +57,7 @@ impl Device {
 }
 
 /// How this user may come to use a device: by its group, where that has the right to.
-fn remedy(path: &Path) -> String {
+pub(super) fn remedy(path: &Path) -> String {
     let about = fs::metadata(path).ok();
     let groups = fs::read_to_string("/etc/group").unwrap_or_default();
     let group =

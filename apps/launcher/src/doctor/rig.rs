@@ -1,0 +1,153 @@
+//! The rig that the settings name: its file, and whether what it needs is there and may be used by this user.
+
+use super::Check;
+use super::devices::remedy;
+use crate::cli::{Cli, Command};
+use crate::machine::has_display;
+use crate::programs::SETTINGS;
+use crate::run::RunArgs;
+use clap::{CommandFactory, FromArgMatches};
+use rig::Rig;
+use rustix::fs::{Access, access};
+use settings::Refusal;
+use settings::apply::matches;
+use settings::commands::cameras::Cameras;
+use settings::files::Files;
+use std::path::Path;
+
+/// Where a rig's settings are written.
+const WHERE: &str = "set it in [run] of /etc/vitreo/vitreo.toml (docs/install.md)";
+
+/// What a rig that starts by itself runs with, as `packaging/systemd/vitreo-rig.service` starts it.
+pub(super) fn checks() -> Vec<Check> {
+    match run_of_settings(&Files::of_this_machine()) {
+        Ok(run) => checks_of(&run, has_display()),
+        Err(problem) => vec![Check::fail("settings", problem, "vitreo config shows what is set, and where")],
+    }
+}
+
+/// What `vitreo run` would be given by the files.
+fn run_of_settings(files: &Files) -> Result<RunArgs, String> {
+    let typed = ["vitreo", "run", "--unscripted"].map(Into::into).to_vec();
+    let parsed = matches(Cli::command(), &SETTINGS, files, typed).map_err(|refusal| match refusal {
+        Refusal::CommandLine(error) => error.render().to_string().trim().to_owned(),
+        Refusal::File(problem, _) => problem.to_string(),
+    })?;
+    match Cli::from_arg_matches(&parsed).map_err(|e| e.to_string())?.command {
+        Command::Run(run) => Ok(*run),
+        _ => Err("vitreo run was not understood".into()),
+    }
+}
+
+fn checks_of(run: &RunArgs, display: bool) -> Vec<Check> {
+    let (rig, loaded) = rig_file(run);
+    let mut checks = vec![rig];
+    checks.extend(cameras(run, loaded.as_ref()));
+    checks.push(pedal(run));
+    checks.push(handles(run, loaded.as_ref()));
+    checks.push(picture(run, display));
+    checks
+}
+
+fn rig_file(run: &RunArgs) -> (Check, Option<Rig>) {
+    const NAME: &str = "rig file";
+    let Some(path) = &run.rig.rig else {
+        let mend = format!("rig = \"/etc/vitreo/rig.json\": {WHERE}; vitreo calibrate makes one");
+        return (Check::fail(NAME, "none is set", mend), None);
+    };
+    match Rig::load(path) {
+        Ok(rig) => {
+            let (cameras, rate) = (rig.cameras.len(), rig.field_hz);
+            let found = format!("{}: {cameras} cameras at {rate} Hz", path.display());
+            (Check::ok(NAME, found), Some(rig))
+        }
+        Err(problem) => {
+            (Check::fail(NAME, problem.to_string(), format!("vitreo rig check {}", path.display())), None)
+        }
+    }
+}
+
+/// One of each source, and one where their number is not that of the rig's cameras.
+fn cameras(run: &RunArgs, rig: Option<&Rig>) -> Vec<Check> {
+    const NAME: &str = "cameras of the rig";
+    match run.real.given() {
+        None if run.real.external.is_some() => {
+            vec![Check::ok(NAME, "a program of another maker, by libvitreo (--external)")]
+        }
+        None => {
+            let mend = format!("cameras = \"v4l2:/dev/video0,v4l2:/dev/video1,…\": {WHERE}");
+            vec![Check::fail(NAME, "none are set: the rig's service waits for them", mend)]
+        }
+        Some(Cameras::Program(program)) => vec![usable(NAME, program, Access::EXEC_OK)],
+        Some(Cameras::Streams(streams)) => {
+            let mut checks: Vec<Check> =
+                streams.0.iter().map(|s| usable(NAME, &s.path, Access::READ_OK)).collect();
+            let needed = rig.map_or(streams.0.len(), |rig| rig.cameras.len());
+            if streams.0.len() != needed {
+                let found = format!("{} are set, the rig has {needed}", streams.0.len());
+                checks.push(Check::fail(NAME, found, "name one source for each camera, in the rig's order"));
+            }
+            checks
+        }
+        Some(Cameras::Virtual) => vec![Check::ok(NAME, "virtual")],
+    }
+}
+
+fn pedal(run: &RunArgs) -> Check {
+    const NAME: &str = "pedal of the rig";
+    match &run.controls.pedal {
+        Some(pedal) => usable(NAME, &pedal.path, Access::READ_OK),
+        None => Check::warn(
+            NAME,
+            "none is set: it counts as let go, so that nothing cuts or aspirates",
+            format!("pedal = \"evdev:/dev/input/…\": {WHERE}; vitreo pedal learns one"),
+        ),
+    }
+}
+
+fn handles(run: &RunArgs, rig: Option<&Rig>) -> Check {
+    const NAME: &str = "handles of the rig";
+    let Some(handles) = &run.controls.handles else {
+        return Check::warn(
+            NAME,
+            "none are set: jaws stay open",
+            format!("handles = \"serial:/dev/ttyUSB0\": {WHERE}; vitreo handles shows what they send"),
+        );
+    };
+    if rig.is_some_and(|rig| rig.handles.is_empty()) {
+        let mend = "vitreo handles --calibrate writes them into the rig's file (docs/handles.md)";
+        return Check::fail(NAME, "the rig's file does not say how far they open", mend);
+    }
+    usable(NAME, &handles.path, Access::READ_OK)
+}
+
+fn picture(run: &RunArgs, display: bool) -> Check {
+    const NAME: &str = "picture of the rig";
+    let view = &run.view;
+    if view.no_picture || view.headless {
+        return Check::ok(NAME, "in no window, as it is set");
+    }
+    match (display, view.window || view.picture.full_screen) {
+        (true, _) => Check::ok(NAME, "in a window of this user's display"),
+        (false, true) => Check::fail(NAME, "a window is set, this user has no display", DISPLAY),
+        (false, false) => Check::warn(NAME, "this user has no display: it is drawn in no window", DISPLAY),
+    }
+}
+
+/// How a rig comes to a display.
+const DISPLAY: &str = "run it in the session of the machine's display (docs/install.md)";
+
+/// Whether a device, pipe or program is there for this user.
+fn usable(name: &'static str, path: &Path, wanted: Access) -> Check {
+    let shown = path.display();
+    if !path.exists() {
+        return Check::fail(name, format!("{shown} is not there"), "connect it, or name another");
+    }
+    match access(path, wanted) {
+        Ok(()) => Check::ok(name, shown.to_string()),
+        Err(_) => Check::fail(name, format!("{shown} is not for this user"), remedy(path)),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,75 @@
+//! Rigs that are whole, and rigs of which each part is missing in turn.
+
+use super::*;
+use crate::doctor::State;
+use std::fs;
+
+/// What is said of a machine with these settings.
+fn said(settings: &str, display: bool) -> Vec<Check> {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("vitreo.toml");
+    fs::write(&file, settings).unwrap();
+    let files = Files { paths: vec![file], log_variable: false, passed_over: None };
+    match run_of_settings(&files) {
+        Ok(run) => checks_of(&run, display),
+        Err(problem) => vec![Check::fail("settings", problem, "-")],
+    }
+}
+
+fn of<'c>(checks: &'c [Check], name: &str) -> Vec<&'c Check> {
+    checks.iter().filter(|check| check.name.starts_with(name)).collect()
+}
+
+/// The shipped rig, and a file for each device.
+fn whole(folder: &Path) -> String {
+    let rig = folder.join("rig.json");
+    fs::write(&rig, include_str!("../../../../../assets/rig.json")).unwrap();
+    let device = |name: &str| {
+        let path = folder.join(name);
+        fs::write(&path, "").unwrap();
+        path.display().to_string()
+    };
+    let cameras = ["a", "b", "c"].map(|name| format!("y4m:{}", device(name))).join(",");
+    let (pedal, rig) = (device("pedal"), rig.display());
+    format!("[run]\nrig = \"{rig}\"\ncameras = \"{cameras}\"\npedal = \"evdev:{pedal}\"\n")
+}
+
+#[test]
+fn a_rig_that_is_there_is_found_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let checks = said(&whole(folder.path()), true);
+    let told = |name: &str| of(&checks, name).iter().map(|c| c.state).collect::<Vec<_>>();
+    assert_eq!(told("rig file"), [State::Ok], "{checks:?}");
+    assert_eq!(told("cameras"), [State::Ok; 3], "{checks:?}");
+    assert_eq!((told("pedal"), told("picture")), (vec![State::Ok], vec![State::Ok]), "{checks:?}");
+    assert_eq!(told("handles"), [State::Warn], "none are set");
+}
+
+#[test]
+fn a_machine_without_settings_is_told_each_of_them() {
+    let checks = said("", false);
+    let states: Vec<State> = checks.iter().map(|c| c.state).collect();
+    assert_eq!(states, [State::Fail, State::Fail, State::Warn, State::Warn, State::Warn], "{checks:?}");
+    assert!(checks.iter().all(|c| c.mend.is_some()));
+    assert!(of(&checks, "cameras")[0].mend.as_ref().unwrap().contains("/etc/vitreo/vitreo.toml"));
+}
+
+#[test]
+fn what_is_missing_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = whole(folder.path());
+    fs::remove_file(folder.path().join("b")).unwrap();
+    let checks = said(&settings, true);
+    let lost = of(&checks, "cameras")[1];
+    assert!(lost.state == State::Fail && lost.found.ends_with("/b is not there"), "{lost:?}");
+    let two = settings.replace(&format!(",y4m:{}", folder.path().join("c").display()), "");
+    let told = said(&two, true);
+    assert!(of(&told, "cameras").last().unwrap().found.contains("2 are set, the rig has 3"), "{told:?}");
+    let serial = format!("{settings}handles = \"serial:{}\"\n", folder.path().join("a").display());
+    let told = said(&serial, true);
+    assert!(of(&told, "handles")[0].found.contains("how far they open"), "{told:?}");
+    fs::write(folder.path().join("rig.json"), "{").unwrap();
+    assert_eq!(of(&said(&settings, true), "rig file")[0].state, State::Fail);
+    assert_eq!(of(&said(&format!("{settings}window = true\n"), false), "picture")[0].state, State::Fail);
+    assert_eq!(said("[run]\nrig = 3\n", true)[0].name, "settings");
+}
