@@ -1,6 +1,7 @@
 //! Pictures of figures, drawn with plotters in our font: as PNG or SVG by the name of their file.
 
 pub mod line_plot;
+pub mod page;
 
 use anyhow::anyhow;
 use font::truetype;
