@@ -56,6 +56,11 @@ impl Region {
 pub struct Samples(Vec<[u8; 3]>);
 
 impl Samples {
+    /// Adds samples that are known to be of the colour.
+    pub fn add(&mut self, samples: impl IntoIterator<Item = [u8; 3]>) {
+        self.0.extend(samples);
+    }
+
     /// Adds the samples of `colour` in a region, or in the whole picture.
     pub fn take(&mut self, picture: &Picture, region: Option<Region>, colour: Colour) {
         let whole = Region { x: 0, y: 0, width: picture.width, height: picture.height };

@@ -21,3 +21,4 @@ mod search;
 pub use catalogue::Cause;
 pub use judge::{judge, judge_what_breaks};
 pub use judgement::{Explanation, Judgement, Verdict};
+pub use measure::{Left, Squares, measure};

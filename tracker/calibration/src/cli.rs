@@ -4,6 +4,9 @@ mod rig_file;
 mod stream;
 mod target;
 
+pub use stream::{Centre, LIMIT_PX, drift_report, fields_in, pivoted, shafts, turned, waved_report};
+pub use target::BoardArgs;
+
 use crate::lens::{LENS, LENS_NAMES};
 use crate::multi_camera::Progress;
 use crate::report::Report;

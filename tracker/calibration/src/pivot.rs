@@ -80,7 +80,7 @@ pub struct Shaft {
 
 impl Shaft {
     /// How far the shaft passes from a point, mm.
-    fn miss(&self, point: &Vector3<f64>) -> Vector3<f64> {
+    pub fn miss(&self, point: &Vector3<f64>) -> Vector3<f64> {
         across(&self.direction) * (point - self.origin.coords)
     }
 }

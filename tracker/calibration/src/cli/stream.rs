@@ -1,6 +1,7 @@
 //! Calibrations that look at a stream of blobs: `waved`, `pivot`, `drift`.
 
 use super::{OutputArgs, positive, progress, with_spinner};
+use crate::CalibrationError;
 use crate::bundle::PriorSigmas;
 use crate::drift_check::{self, DriftCheck};
 use crate::observations::{FrameObservations, collect};
@@ -34,7 +35,7 @@ pub struct StreamArgs {
 /// Systematic shift of a camera's image that is tolerated where nothing else is said, px. Balls
 /// seen aside of the axis are not centred on their centre's image: that alone makes 0.025 px in a
 /// rig that holds.
-const LIMIT_PX: f64 = 0.05;
+pub const LIMIT_PX: f64 = 0.05;
 
 /// Arguments of `vitreo calibrate waved`.
 #[derive(Debug, Clone, clap::Args)]
@@ -97,12 +98,7 @@ impl StreamArgs {
     /// The rig and the fields of a stream.
     fn fields(&self, path: &Path) -> anyhow::Result<(Rig, Vec<BlobField>)> {
         ensure!(self.instants >= 10, "--instants: expected 10 or more, found {}", self.instants);
-        let recorded = path.extension().is_some_and(|e| e == "mcap");
-        let (own, fields) = if recorded {
-            of_recording(path)?
-        } else {
-            (None, BlobReader::open(path)?.collect::<Result<_, _>>()?)
-        };
+        let (own, fields) = fields_in(path)?;
         let rig = match (&self.rig, own) {
             (Some(path), _) => Rig::load(path)?,
             (None, Some(text)) => Rig::parse(&text, "of the recording")?,
@@ -117,6 +113,17 @@ impl StreamArgs {
         let seen = with_spinner("tracking", |_| spread(collect(&rig, &fields), self.instants));
         Ok((rig, seen))
     }
+}
+
+/// The fields of a recording, with its rig, or of a blob stream.
+///
+/// # Errors
+/// A file that cannot be read.
+pub fn fields_in(path: &Path) -> anyhow::Result<(Option<String>, Vec<BlobField>)> {
+    if path.extension().is_some_and(|e| e == "mcap") {
+        return of_recording(path);
+    }
+    Ok((None, BlobReader::open(path)?.collect::<Result<_, _>>()?))
 }
 
 /// The rig and the fields of a recording.
@@ -165,7 +172,8 @@ pub fn waved(args: &WavedArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn waved_report(rig: &Rig, found: &SelfCalibration, drifted: bool) -> Report {
+/// What a refined rig is told of.
+pub fn waved_report(rig: &Rig, found: &SelfCalibration, drifted: bool) -> Report {
     let cameras = found.bundle.cameras.iter().zip(&found.sigmas).enumerate();
     let mut report = Report {
         task: "waved",
@@ -227,7 +235,8 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<ExitCode> {
     Ok(if found.drifted() { ExitCode::from(5) } else { ExitCode::SUCCESS })
 }
 
-fn drift_report(rig: &Rig, found: &DriftCheck, limit_px: f64) -> Report {
+/// What a check for drift found.
+pub fn drift_report(rig: &Rig, found: &DriftCheck, limit_px: f64) -> Report {
     let mut report = Report { task: "drift", rms_px: found.rms_px, ..Report::default() };
     report.figure("instants", found.instants as f64, "");
     report.figure("limit", limit_px, "px");
@@ -259,47 +268,78 @@ pub fn pivot(args: &PivotArgs) -> anyhow::Result<ExitCode> {
         None => {
             let path = args.stream.as_deref().context("a stream is needed")?;
             let (rig, instants) = args.from.load(path)?;
-            let poses = fitted(&rig, &instants)?.1.poses;
-            let free = fitted_with(&rig, &instants, true, 1.0)?.1.poses;
-            let eye: Vec<_> = free.iter().filter_map(|p| p[EYE]).collect();
-            (rig, poses, Some(pivot::of_turns(&eye)))
+            let (poses, centre) = turned(&rig, &instants)?;
+            (rig, poses, Some(centre))
         }
     };
+    let report = pivoted(&mut rig, &poses, centre, args.recentre)?;
+    args.output.print(&report, &[], &[])?;
+    args.output.write(&Rig::parse(&rig.to_json(), "of the calibration")?.to_json())?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Where the eye turns about, in the world and in the eye.
+pub type Centre = Result<(Pivot, Point3<f64>), CalibrationError>;
+
+/// Poses of bodies that turn about their pivots, and the eye's centre.
+///
+/// # Errors
+/// Too few usable instants.
+pub fn turned(rig: &Rig, instants: &[FrameObservations]) -> anyhow::Result<(Vec<Poses>, Centre)> {
+    let poses = fitted(rig, instants)?.1.poses;
+    let free = fitted_with(rig, instants, true, 1.0)?.1.poses;
+    let eye: Vec<_> = free.iter().filter_map(|p| p[EYE]).collect();
+    Ok((poses, pivot::of_turns(&eye)))
+}
+
+/// Puts the trocars of a rig where the shafts meet; with `recentre` the world's origin, too, to where the eye turns
+/// about.
+///
+/// # Errors
+/// No pivot at all, or no eye's centre where it is needed.
+pub fn pivoted(
+    rig: &mut Rig,
+    poses: &[Poses],
+    centre: Option<Centre>,
+    recentre: bool,
+) -> anyhow::Result<Report> {
     let mut report = Report { task: "pivot", ..Report::default() };
     for (body, name) in BODY_NAMES.iter().enumerate().filter(|(b, _)| *b != EYE) {
-        match trocar(&poses, body) {
-            Ok(found) => set_trocar(&mut rig, name, &found, &mut report),
+        match trocar(poses, body) {
+            Ok(found) => set_trocar(rig, name, &found, &mut report),
             Err(problem) => report.notes.push(format!("trocar of {name}: {problem}")),
         }
     }
     match centre {
         Some(Ok((found, in_eye))) => {
             report_pivot(&mut report, "eye's centre in the world", &found);
-            if args.recentre {
-                recentre(&mut rig, found.point.coords, in_eye);
+            if recentre {
+                recentred(rig, found.point.coords, in_eye);
                 report.notes.push("the world's origin was moved to the eye's centre".into());
             }
         }
-        Some(Err(problem)) if args.recentre => return Err(problem.into()),
+        Some(Err(problem)) if recentre => return Err(problem.into()),
         Some(Err(problem)) => report.notes.push(format!("eye's centre: {problem}")),
         None => {}
     }
     ensure!(!report.figures.is_empty(), "no pivot was found: {}", report.notes.join("; "));
-    args.output.print(&report, &[], &[])?;
-    args.output.write(&Rig::parse(&rig.to_json(), "of the calibration")?.to_json())?;
-    Ok(ExitCode::SUCCESS)
+    Ok(report)
 }
 
 /// Where a body's shaft passes, in the eye frame.
 fn trocar(poses: &[Poses], body: usize) -> anyhow::Result<Pivot> {
+    Ok(pivot::of_shafts(&shafts(poses, body))?)
+}
+
+/// The shafts of a body, in the eye frame.
+pub fn shafts(poses: &[Poses], body: usize) -> Vec<Shaft> {
     let shaft = |p: &Poses| {
         let (pose, eye) = (p[body]?, p[EYE]?);
         let origin = eye.inverse_transform_point(&pose.translation.vector.into());
         let direction = eye.inverse_transform_vector(&(pose.rotation * Vector3::z()));
         Some(Shaft { origin, direction })
     };
-    let shafts: Vec<_> = poses.iter().filter_map(shaft).collect();
-    Ok(pivot::of_shafts(&shafts)?)
+    poses.iter().filter_map(shaft).collect()
 }
 
 fn report_pivot(report: &mut Report, what: &str, found: &Pivot) {
@@ -322,7 +362,7 @@ fn set_trocar(rig: &mut Rig, name: &str, found: &Pivot, report: &mut Report) {
 }
 
 /// Moves the world's and the eye's origin to where the eye turns about.
-fn recentre(rig: &mut Rig, in_world: Vector3<f64>, in_eye: Point3<f64>) {
+fn recentred(rig: &mut Rig, in_world: Vector3<f64>, in_eye: Point3<f64>) {
     for camera in &mut rig.cameras {
         let moved = camera.model().camera_from_world * in_world;
         camera.t.iter_mut().zip(moved.iter()).for_each(|(t, m)| *t += m);

@@ -34,7 +34,11 @@ pub struct BoardArgs {
 }
 
 impl BoardArgs {
-    fn board(&self) -> anyhow::Result<Board> {
+    /// The board.
+    ///
+    /// # Errors
+    /// No size, or too many points.
+    pub fn board(&self) -> anyhow::Result<Board> {
         let size = self.board.context("--board COLUMNSxROWS is needed to read pictures")?;
         let [columns, rows] = size.map(|n| n as usize);
         ensure!(columns * rows <= 10_000, "--board: expected at most 10000 points, found {columns}x{rows}");
