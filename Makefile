@@ -20,8 +20,8 @@ SHARE := $(DESTDIR)$(PREFIX)/share
 # Of drivers: library, headers, and where they are.
 LIBRARIES := $(DESTDIR)$(PREFIX)/lib
 INCLUDE := $(DESTDIR)$(PREFIX)/include
-INSTALLED = $(addprefix $(TARGET)/release/,vitreo vitreo-bridge vitreo-calibration vitreo-cameras vitreo-controls \
-	vitreo-desk vitreo-fpga-model vitreo-renderer vitreo-replay vitreo-simcore vitreo-tracker vitreo-virtual-rig)
+INSTALLED = $(addprefix $(TARGET)/release/,vitreo vitreo-bridge vitreo-calibration vitreo-cameras vitreo-commission \
+	vitreo-controls 	vitreo-desk vitreo-fpga-model vitreo-renderer vitreo-replay vitreo-simcore vitreo-tracker vitreo-virtual-rig)
 AS_ROOT := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 # sudo where the nearest folder that there is above the place of installation may not be written.
 IN_PREFIX = $(shell at="$(DESTDIR)$(PREFIX)"; until [ -e "$$at" ]; do at=$$(dirname "$$at"); done; \

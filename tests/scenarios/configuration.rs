@@ -38,9 +38,15 @@ fn the_folder_wins_over_the_user_and_the_command_line_over_both() {
     assert_eq!(user.run(&["config", "init"]).0, Some(0));
     let own = home.path().join(".config/vitreo/vitreo.toml");
     let all = std::fs::read_to_string(&own).expect("written");
-    for part in
-        ["[run]", "[results.delete]", "[blobs]", "[calibrate.drift]", "[bench.render]", "[colours.learn]"]
-    {
+    for part in [
+        "[run]",
+        "[results.delete]",
+        "[blobs]",
+        "[calibrate.drift]",
+        "[bench.render]",
+        "[colours.learn]",
+        "[commission.lenses]",
+    ] {
         assert!(all.contains(part), "{part} is missing");
     }
     let again = user.run(&["config", "init"]);

@@ -1,7 +1,7 @@
 //! The command line: one sub-command a module.
 
 use crate::forward::{self, ForwardArgs};
-use crate::programs::{BRIDGE, CALIBRATION, CAMERA, CONTROLS, RENDERER, REPLAY};
+use crate::programs::{BRIDGE, CALIBRATION, CAMERA, COMMISSION, CONTROLS, RENDERER, REPLAY};
 use clap::{CommandFactory, Parser, Subcommand};
 use ipc::logging::LogArgs;
 use settings::SettingsArgs;
@@ -51,6 +51,8 @@ pub enum Command {
     Vectors(ForwardArgs),
     /// Find lenses, places of cameras, markers and trocars; check whether they still hold.
     Calibrate(ForwardArgs),
+    /// Take a new rig into use, step by step: colours, lenses, cameras, trocars, and a check of all.
+    Commission(ForwardArgs),
     /// Show what a foot pedal does, or learn its mapping.
     Pedal(ForwardArgs),
     /// Show what the handles send, or calibrate their jaws.
@@ -89,6 +91,7 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Vectors(args) => forward::to(CAMERA, "vitreo", Some("vectors"), &cli.settings, args),
         Command::Rig(args) => forward::to(CALIBRATION, "vitreo", Some("rig"), &cli.settings, args),
         Command::Calibrate(args) => forward::to(CALIBRATION, "vitreo calibrate", None, &cli.settings, args),
+        Command::Commission(args) => forward::to(COMMISSION, "vitreo commission", None, &cli.settings, args),
         Command::Pedal(args) => forward::to(CONTROLS, "vitreo", Some("pedal"), &cli.settings, args),
         Command::Handles(args) => forward::to(CONTROLS, "vitreo", Some("handles"), &cli.settings, args),
         Command::Bench(args) => forward::to(RENDERER, "vitreo", Some("bench"), &cli.settings, args),

@@ -8,6 +8,8 @@ pub const CAMERA: &str = "vitreo-fpga-model";
 pub const STREAMS: &str = "vitreo-cameras";
 /// The binary of a real pedal and real handles.
 pub const CONTROLS: &str = "vitreo-controls";
+/// The binary that takes a new rig into use.
+pub const COMMISSION: &str = "vitreo-commission";
 /// The binary of the picture.
 pub const RENDERER: &str = "vitreo-renderer";
 /// The binary of recordings that are run again.
@@ -22,7 +24,17 @@ pub const CALIBRATION: &str = "vitreo-calibration";
 pub const SETTINGS: Program = Program {
     prefix: "",
     without: &["config", "completions", "man"],
-    elsewhere: Some(&["blobs", "colours", "hardware", "vectors", "calibrate", "bench", "pedal", "handles"]),
+    elsewhere: Some(&[
+        "blobs",
+        "colours",
+        "hardware",
+        "vectors",
+        "calibrate",
+        "commission",
+        "bench",
+        "pedal",
+        "handles",
+    ]),
 };
 /// The programs of [`SETTINGS`]' tables elsewhere.
-pub const WITH_SETTINGS: [&str; 4] = [CAMERA, CALIBRATION, RENDERER, CONTROLS];
+pub const WITH_SETTINGS: [&str; 5] = [CAMERA, CALIBRATION, COMMISSION, RENDERER, CONTROLS];

@@ -1,0 +1,137 @@
+//! `vitreo commission`: the command line.
+
+use crate::check::{self, CheckArgs};
+use crate::folder::{Folder, Outcome, Record, Step};
+use crate::lenses::{self, LensesArgs};
+use crate::pictures::PicturesArgs;
+use crate::poses::{self, PosesArgs};
+use crate::trocars::{self, TrocarsArgs};
+use crate::{Refused, colours};
+use anyhow::{Result, anyhow};
+use ipc::logging::{LogArgs, inform, warn};
+use outputs::{Force, println};
+use settings::{Program, SettingsArgs};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// What vitreo.toml says to the commissioning.
+pub const SETTINGS: Program = Program { prefix: "commission", without: &[], elsewhere: None };
+
+/// Takes a new rig into use, step by step, in a folder; without a step it says what is done and what is next.
+#[derive(Debug, Clone, clap::Parser)]
+#[command(name = "vitreo-commission", version)]
+pub struct CommissionArgs {
+    /// Logging.
+    #[command(flatten)]
+    pub log: LogArgs,
+    /// Whether files of settings are read.
+    #[command(flatten)]
+    pub settings: SettingsArgs,
+    /// Folder of the rig: rig.json, colours.toml, pictures and report.html; made where it is not there.
+    #[arg(value_name = "FOLDER")]
+    pub folder: PathBuf,
+    /// Rig to begin with: sizes of the cameras, markers, about where all is. The shipped one if not given.
+    #[arg(long, value_name = "RIG.json")]
+    pub rig: Option<PathBuf>,
+    /// Do a step again that was done; what is there stays where it is better.
+    #[command(flatten)]
+    pub force: Force,
+    /// What to do.
+    #[command(subcommand)]
+    pub task: Option<Task>,
+}
+
+/// The steps.
+#[derive(Debug, Clone, clap::Subcommand)]
+pub enum Task {
+    /// What the cameras take for which colour, from pictures of the markers held still.
+    Colours(PicturesArgs),
+    /// Lens of each camera, from pictures of a board held differently in each.
+    Lenses(LensesArgs),
+    /// Places of the cameras, from a board that they see together, or from waved instruments.
+    Poses(PosesArgs),
+    /// Trocars and the eye's centre, from tilted instruments and a turning eye.
+    Trocars(TrocarsArgs),
+    /// What the cameras see, how well tips are known, and whether the rig holds; exit code 5 if it does not.
+    Check(CheckArgs),
+}
+
+impl Task {
+    fn step(&self) -> Step {
+        match self {
+            Task::Colours(_) => Step::Colours,
+            Task::Lenses(_) => Step::Lenses,
+            Task::Poses(_) => Step::Poses,
+            Task::Trocars(_) => Step::Trocars,
+            Task::Check(_) => Step::Check,
+        }
+    }
+}
+
+/// Runs a step, or says what is next. Exit codes: 0 done, 1 failed or refused with advice, 5 the check found that
+/// something is missing or does not hold.
+///
+/// # Errors
+/// Those of the step; nothing is written then.
+pub fn run(args: &CommissionArgs) -> Result<ExitCode> {
+    let mut folder = Folder::open(&args.folder)?;
+    let Some(task) = &args.task else {
+        println!("{}", status(&folder));
+        return Ok(ExitCode::SUCCESS);
+    };
+    let step = task.step();
+    folder.claim(step, args.force.force)?;
+    let rig = folder.rig(args.rig.as_deref())?;
+    let done = match task {
+        Task::Colours(args) => colours::run(&folder, &rig, args).map(|outcome| (outcome, true)),
+        Task::Lenses(args) => lenses::run(&rig, args).map(|outcome| (outcome, true)),
+        Task::Poses(args) => poses::run(&rig, args).map(|outcome| (outcome, true)),
+        Task::Trocars(args) => trocars::run(&rig, args).map(|outcome| (outcome, true)),
+        Task::Check(args) => check::run(&rig, args),
+    };
+    let (mut outcome, good): (Outcome, bool) = done.map_err(|error| match error.downcast_ref() {
+        // Each is a line of its own.
+        Some(Refused(advice)) if advice.len() > 1 => {
+            advice.iter().for_each(|said| warn(said));
+            anyhow!("{}: {} things are to be mended; nothing was written", step.name(), advice.len())
+        }
+        _ => error,
+    })?;
+    // A step that changes the rig keeps it in the folder, also where it began with another one.
+    if outcome.rig.as_ref() == Some(&rig) && folder.file("rig.json").exists() {
+        outcome.rig = None;
+    }
+    outcome.record.advice.dedup();
+    tell(step, &outcome.record);
+    folder.take(step, outcome)?;
+    inform(&format!("{} written", folder.file("report.html").display()));
+    Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(outputs::exit::DIFFERS) })
+}
+
+fn tell(step: Step, record: &Record) {
+    let kept = if record.kept { " (what was there stays)" } else { "" };
+    println!("{}: {}{kept}", step.name(), record.summary);
+    for (name, value) in &record.figures {
+        println!("  {name}: {value}");
+    }
+    record.notes.iter().for_each(|note| println!("  note: {note}"));
+    record.advice.iter().for_each(|advice| warn(advice));
+}
+
+/// What is done and what is next, for a person.
+fn status(folder: &Folder) -> String {
+    let shown = folder.shown();
+    let line = |step: Step| match folder.state.steps.get(&step) {
+        Some(record) => {
+            let more = record.advice.iter().map(|advice| format!("\n          {advice}")).collect::<String>();
+            format!("{:<8}  done: {}{more}", step.name(), record.summary)
+        }
+        None => format!("{:<8}  to do", step.name()),
+    };
+    let mut lines: Vec<String> = Step::ALL.into_iter().map(line).collect();
+    lines.push(match folder.state.next() {
+        Some(step) => format!("next: vitreo commission {shown} {}", step.how()),
+        None => format!("all is done: vitreo run --rig {shown}/rig.json; see {shown}/report.html"),
+    });
+    lines.join("\n")
+}

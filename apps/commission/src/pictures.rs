@@ -1,0 +1,313 @@
+//! Pictures of several cameras: from files and folders by their names, from clips, and from live cameras.
+//!
+//! The name says of which camera a picture is: `cam0/007.png`, `cam0-007.png`, `camera-0.png`. What is left of the name
+//! is the view: pictures of one view were taken at one time. A clip (`cam0.y4m`) or a pipe is one camera, and its k-th
+//! picture that is looked at is view k. Interlaced pictures are taken whole: what they show must be held still.
+
+use crate::Refused;
+use anyhow::{Context, Result, bail, ensure};
+use fpga_model::input::source::{Reading, Source};
+use fpga_model::input::{Interlace, Picture};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Most pictures of a camera.
+pub const MOST: usize = 400;
+/// Endings of picture files, and of clips.
+const STILLS: [&str; 3] = ["png", "jpg", "jpeg"];
+const CLIP: &str = "y4m";
+
+/// Where pictures come from.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct PicturesArgs {
+    /// Pictures (PNG, JPEG), clips or pipes (Y4M), or folders of them; names say of which camera: cam0/007.png,
+    /// cam0-007.png, cam0.y4m. Equal numbers of several cameras were taken together.
+    #[arg(long, value_name = "PATH", num_args = 1.., required_unless_present = "cameras")]
+    pub from: Vec<PathBuf>,
+    /// Live cameras, one for each of the rig in its order: y4m:PIPE or v4l2:/dev/videoN.
+    #[arg(long, value_name = "SPEC,...", value_delimiter = ',', value_parser = live, conflicts_with = "from")]
+    pub cameras: Vec<PathBuf>,
+    /// Of clips and live cameras one picture in so many is looked at.
+    #[arg(long, value_name = "N", default_value_t = 25, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub every: u64,
+    /// Most pictures of a camera that are looked at; live cameras are left after them.
+    #[arg(long, value_name = "N", default_value_t = 40, value_parser = most)]
+    pub most: usize,
+}
+
+fn most(text: &str) -> Result<usize, String> {
+    let number = text.parse().ok().filter(|n| (1..=MOST).contains(n));
+    number.ok_or_else(|| format!("expected 1 to {MOST}"))
+}
+
+/// The file or device of a live camera.
+fn live(text: &str) -> Result<PathBuf, String> {
+    let path = text.strip_prefix("y4m:").or_else(|| text.strip_prefix("v4l2:")).filter(|p| !p.is_empty());
+    path.map(PathBuf::from).ok_or_else(|| "expected y4m:PIPE or v4l2:/dev/videoN".into())
+}
+
+/// What looks at a picture: its camera, its view, the name of its file, and itself.
+pub type Look<'a> = dyn FnMut(u32, &str, &str, &Picture) -> Result<()> + 'a;
+
+/// The pictures of one camera.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Feed {
+    /// Id of the camera in the rig.
+    pub camera: u32,
+    /// What is read.
+    pub kind: Kind,
+}
+
+/// What is read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Kind {
+    /// Files by view.
+    Stills(BTreeMap<String, PathBuf>),
+    /// A clip, a pipe, or a camera.
+    Clip(PathBuf),
+}
+
+/// The number after `cam` or `camera` in a name, and the name without both.
+pub fn camera_in(name: &str) -> Option<(u32, String)> {
+    let lower = name.to_ascii_lowercase();
+    let at = lower.rfind("cam")?;
+    let after = &lower[at + 3..];
+    let after = after.strip_prefix("era").unwrap_or(after);
+    let number = after.trim_start_matches(['-', '_', ' ']);
+    let digits = number.find(|c: char| !c.is_ascii_digit()).unwrap_or(number.len());
+    let camera = number[..digits].parse().ok()?;
+    let rest = [&name[..at], &name[name.len() - (number.len() - digits)..]].concat();
+    Some((camera, rest.trim_matches(['-', '_', ' ', '.']).to_owned()))
+}
+
+/// Camera and view of a file: its own name says so, or that of its folder.
+fn named(path: &Path) -> Option<(u32, String)> {
+    let stem = path.file_stem()?.to_str()?;
+    camera_in(stem).or_else(|| {
+        let folder = path.parent()?.file_name()?.to_str()?;
+        camera_in(folder).map(|(camera, _)| (camera, stem.to_owned()))
+    })
+}
+
+fn ending(path: &Path) -> String {
+    path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
+}
+
+/// The pictures and clips in a path: itself, or what is in it and in its folders.
+fn files_in(path: &Path, depth: u32, found: &mut Vec<PathBuf>) -> Result<()> {
+    let about = || path.display().to_string();
+    if !std::fs::metadata(path).with_context(about)?.is_dir() {
+        found.push(path.into());
+        return Ok(());
+    }
+    let mut entries: Vec<PathBuf> =
+        std::fs::read_dir(path).with_context(about)?.map(|e| Ok(e?.path())).collect::<Result<_>>()?;
+    entries.sort();
+    for entry in entries {
+        let known = STILLS.contains(&&*ending(&entry)) || ending(&entry) == CLIP;
+        if known || (entry.is_dir() && depth > 0) {
+            files_in(&entry, depth - 1, found)?;
+        }
+    }
+    Ok(())
+}
+
+impl PicturesArgs {
+    /// The pictures of each camera, of cameras with these ids alone.
+    ///
+    /// # Errors
+    /// A path that cannot be read, a name that says no camera or one that there is not, a view twice.
+    pub fn feeds(&self, ids: &[u32]) -> Result<Vec<Feed>> {
+        if !self.cameras.is_empty() {
+            let (found, expected) = (self.cameras.len(), ids.len());
+            ensure!(
+                found == expected,
+                "--cameras: expected one for each of {expected} cameras, found {found}"
+            );
+            let feed = |(path, &camera): (&PathBuf, &u32)| Feed { camera, kind: Kind::Clip(path.clone()) };
+            return Ok(self.cameras.iter().zip(ids).map(feed).collect());
+        }
+        let mut files = Vec::new();
+        self.from.iter().try_for_each(|path| files_in(path, 2, &mut files))?;
+        let mut feeds: BTreeMap<u32, Kind> = BTreeMap::new();
+        for path in files {
+            let name = path.display();
+            let Some((camera, view)) = named(&path) else {
+                bail!(
+                    "{name}: expected a name that says of which camera it is, such as cam0-007.png or cam0/007.png"
+                );
+            };
+            ensure!(ids.contains(&camera), "{name}: the rig has no camera {camera}; its cameras are {ids:?}");
+            // What has no ending of a picture is a clip: a pipe, a device.
+            let is_clip = !STILLS.contains(&&*ending(&path));
+            let empty = if is_clip { Kind::Clip(PathBuf::new()) } else { Kind::Stills(BTreeMap::new()) };
+            match feeds.entry(camera).or_insert(empty) {
+                Kind::Stills(views) if !is_clip => {
+                    if let Some(first) = views.insert(view, path.clone()) {
+                        bail!("{name}: camera and view are those of {}", first.display());
+                    }
+                }
+                Kind::Clip(clip) if is_clip && clip.as_os_str().is_empty() => *clip = path,
+                _ => bail!("{name}: expected pictures or one clip of camera {camera}, found more"),
+            }
+        }
+        ensure!(!feeds.is_empty(), "expected pictures (PNG, JPEG) or clips (Y4M), found none");
+        Ok(feeds.into_iter().map(|(camera, kind)| Feed { camera, kind }).collect())
+    }
+
+    /// As they are named in a record.
+    pub fn names(&self) -> Vec<String> {
+        self.from.iter().chain(&self.cameras).map(|p| p.display().to_string()).collect()
+    }
+
+    /// Hands each picture to `look`: its camera, its view and the name of its file. Clips and live cameras take turns,
+    /// so that pictures of one view come together.
+    ///
+    /// # Errors
+    /// A picture that cannot be read; those of `look`.
+    pub fn each(&self, feeds: &[Feed], look: &mut Look<'_>) -> Result<()> {
+        let reading = Reading { interlace: Some(Interlace::Progressive), ..Reading::default() };
+        let mut clips: Vec<(u32, PathBuf)> = Vec::new();
+        for feed in feeds {
+            let views = match &feed.kind {
+                Kind::Clip(path) => {
+                    clips.push((feed.camera, path.clone()));
+                    continue;
+                }
+                Kind::Stills(views) => views,
+            };
+            // Spread over all where there are more.
+            let used = self.most.min(views.len());
+            let chosen: Vec<_> = (0..used).map(|i| i * views.len() / used).collect();
+            for (_, (view, path)) in views.iter().enumerate().filter(|(i, _)| chosen.contains(i)) {
+                let mut source = Source::open(std::slice::from_ref(path), None, &reading)?;
+                let shot = source.take()?.context("a picture")?;
+                look(feed.camera, view, &path.display().to_string(), shot.view.picture)?;
+            }
+        }
+        if clips.is_empty() { Ok(()) } else { self.each_of_clips(&clips, &reading, look) }
+    }
+
+    fn each_of_clips(&self, clips: &[(u32, PathBuf)], reading: &Reading, look: &mut Look<'_>) -> Result<()> {
+        let paths: Vec<PathBuf> = clips.iter().map(|c| c.1.clone()).collect();
+        let mut source = Source::open(&paths, None, reading)?;
+        let last = self.every * (self.most as u64 - 1);
+        while let Some(shot) = source.take()? {
+            let (clip, number) = (shot.head.cam as usize, shot.head.seq);
+            if number.is_multiple_of(self.every) && number <= last {
+                let (view, file) = (format!("{:04}", number / self.every), shot.file);
+                look(clips[clip].0, &view, &format!("{file}, picture {number}"), shot.view.picture)?;
+            }
+            if number > last {
+                break;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Refuses a picture of another size than its camera's.
+///
+/// # Errors
+/// Both sizes, and what may be wrong.
+pub fn of_size(file: &str, camera: u32, expected: [u32; 2], found: [usize; 2]) -> Result<()> {
+    let ([w, h], [x, y]) = (expected, found);
+    if [w as usize, h as usize] != [x, y] {
+        return Err(Refused(vec![format!(
+            "{file}: {x}×{y} px, but camera {camera} of the rig has {w}×{h} px: give the pictures of camera {camera}, \
+             or a rig (--rig) that has this size"
+        )])
+        .into());
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn names_say_camera_and_view() {
+        for (path, camera, view) in [
+            ("a/cam0/007.png", 0, "007"),
+            ("cam12-007.png", 12, "007"),
+            ("x/camera-1.png", 1, ""),
+            ("Camera 2_b.jpg", 2, "b"),
+            ("board3_cam1.png", 1, "board3"),
+            ("cam0/cam1-5.png", 1, "5"),
+        ] {
+            assert_eq!(named(Path::new(path)), Some((camera, view.into())), "{path}");
+        }
+        for path in ["a.png", "cam.png", "scam/a.png", "cam99999999999/a.png"] {
+            assert_eq!(named(Path::new(path)), None, "{path}");
+        }
+        assert_eq!(live("y4m:/tmp/a").unwrap(), Path::new("/tmp/a"));
+        assert!(live("y4m:").is_err() && live("/dev/video0").is_err());
+    }
+
+    #[test]
+    fn files_become_feeds_or_are_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str| {
+            let path = folder.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, "").unwrap();
+        };
+        ["cam0/1.png", "cam0/2.png", "cam1/1.png", "notes.txt"].iter().for_each(|name| write(name));
+        let args =
+            PicturesArgs { from: vec![folder.path().into()], most: 9, every: 1, ..PicturesArgs::default() };
+        let feeds = args.feeds(&[0, 1]).unwrap();
+        let views = |i: usize| match &feeds[i].kind {
+            Kind::Stills(views) => views.keys().cloned().collect::<Vec<_>>(),
+            Kind::Clip(_) => Vec::new(),
+        };
+        assert_eq!((feeds.len(), views(0), views(1)), (2, vec!["1".into(), "2".into()], vec!["1".into()]));
+        let refused = |ids: &[u32]| args.feeds(ids).unwrap_err().to_string();
+        assert!(refused(&[0]).contains("the rig has no camera 1"), "{}", refused(&[0]));
+        write("cam0-1.png");
+        assert!(refused(&[0, 1]).contains("camera and view are those of"), "{}", refused(&[0, 1]));
+        std::fs::remove_file(folder.path().join("cam0-1.png")).unwrap();
+        write("cam1.y4m");
+        assert!(refused(&[0, 1]).contains("or one clip of camera 1"), "{}", refused(&[0, 1]));
+        std::fs::remove_file(folder.path().join("cam1.y4m")).unwrap();
+        write("board.png");
+        assert!(refused(&[0, 1]).contains("board.png: expected a name that says"), "{}", refused(&[0, 1]));
+    }
+
+    /// Two pipes are read in turns, one picture in `every`, and left after `most`.
+    #[test]
+    fn clips_take_turns() {
+        let folder = tempfile::tempdir().unwrap();
+        let clip = |name: &str, first: u8| {
+            let frame = |k: u8| [&b"FRAME\n"[..], &[first + k; 256], &[128; 128]].concat();
+            let frames: Vec<u8> = (0..9).flat_map(frame).collect();
+            let path = folder.path().join(name);
+            std::fs::write(&path, [&b"YUV4MPEG2 W16 H16 F25:1 Ip C420jpeg\n"[..], &frames].concat()).unwrap();
+            path
+        };
+        let cameras = vec![clip("a", 30), clip("b", 100)];
+        let args = PicturesArgs { cameras, most: 3, every: 2, ..PicturesArgs::default() };
+        let mut seen = Vec::new();
+        args.each(&args.feeds(&[4, 5]).unwrap(), &mut |camera, view, file, picture| {
+            assert!(file.ends_with(&format!("picture {}", 2 * view.parse::<u32>().unwrap())), "{file}");
+            seen.push((camera, view.to_owned(), picture.width));
+            Ok(())
+        })
+        .unwrap();
+        let expected = |(view, camera): (u32, u32)| (camera, format!("{view:04}"), 16);
+        let expected: Vec<_> = (0..3).flat_map(|v| [(v, 4), (v, 5)]).map(expected).collect();
+        assert_eq!(seen, expected);
+        assert!(
+            args.feeds(&[0]).unwrap_err().to_string().contains("expected one for each of 1 cameras, found 2")
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn any_name_is_read_or_says_nothing(name in ".{0,30}", number in 0u32..1000) {
+            let _ = camera_in(&name);
+            prop_assert_eq!(camera_in(&format!("cam{number}-7")), Some((number, "7".into())));
+        }
+    }
+}

@@ -1,0 +1,272 @@
+//! Step `poses`: where the cameras are, from a board that they see together or from waved instruments.
+//!
+//! A board says where cameras are to each other; where all of them are to the eye stays as the rig has it, by least
+//! squares. Waved instruments refine what is right within some 0.2 mm and 2 mrad.
+
+use crate::boards::{Boards, half, look, rms_with};
+use crate::folder::Outcome;
+use crate::lenses::residual_picture;
+use crate::pictures::PicturesArgs;
+use crate::places::{beside, exchanged, laid_over, spread_mm};
+use crate::stream::{self, MOST_INSTANTS, Stream};
+use crate::{Refused, refuse};
+use anyhow::Result;
+use calibration::bundle::PriorSigmas;
+use calibration::causes::measure;
+use calibration::cli::{BoardArgs, waved_report};
+use calibration::lens::LENS;
+use calibration::multi_camera::{LensMode, calibrate_cameras};
+use calibration::report::Report;
+use calibration::rig_output::rig_with;
+use calibration::self_calibration::refine_stream;
+use calibration::target_problem::{Calibrated, Residual, Robustness, TargetView};
+use protocol::blobs::BlobField;
+use rig::Rig;
+use rig::camera::Camera;
+use std::path::Path;
+
+/// Fewest views that a camera shares with any other.
+pub const FEWEST_SHARED: usize = 6;
+/// Largest residuals of a board that cameras see together, px.
+pub const LARGEST_RMS_PX: f64 = 1.0;
+/// Cameras are so many times farther apart than the rig says, or nearer, and are refused.
+pub const LARGEST_SCALE: f64 = 1.25;
+/// A camera so far beside where the rig has it is told: mm and rad.
+const BESIDE: (f64, f64) = (5.0, 0.1);
+
+/// Arguments of the step.
+#[derive(Debug, Clone, clap::Args)]
+pub struct PosesArgs {
+    /// The board.
+    #[command(flatten)]
+    pub board: BoardArgs,
+    /// Pictures of the board, or one stream (.mcap, .jsonl) of waved instruments.
+    #[command(flatten)]
+    pub pictures: PicturesArgs,
+}
+
+/// Runs the step.
+///
+/// # Errors
+/// Pictures or a stream that cannot be read, or show too little.
+pub fn run(rig: &Rig, args: &PosesArgs) -> Result<Outcome> {
+    match args.pictures.from.as_slice() {
+        [path] if stream::is_stream(path) => waved(rig, path),
+        _ => boards(rig, args),
+    }
+}
+
+fn boards(rig: &Rig, args: &PosesArgs) -> Result<Outcome> {
+    let Boards { cameras } = look(rig, &args.pictures, &args.board.board()?)?;
+    let absent = rig.cameras.iter().filter(|c| cameras.iter().all(|s| s.id != c.id));
+    refuse(
+        absent.map(|c| format!("camera {}: no pictures: all cameras must see the board", c.id)).collect(),
+    )?;
+    refuse(cameras.iter().flat_map(|seen| seen.advice(false)).collect())?;
+    let sheets: Vec<TargetView> = cameras.iter().flat_map(|seen| seen.sheets.clone()).collect();
+    refuse(lonely(rig, &sheets))?;
+    let expected = rig.cameras();
+    let found = placed(&expected, &sheets).map_err(|problem| {
+        Refused(vec![format!(
+            "the board does not place the cameras ({problem}): hold it where several see it"
+        )])
+    })?;
+    refuse(misplaced(&found, &expected))?;
+    let placed_now = laid_over(&found.scene.cameras, &expected);
+    let learnt = placed(&expected, &half(&sheets, false)).map(|c| c.scene.cameras);
+    let judge = half(&sheets, true);
+    let held_out_px = learnt.map_or(f64::INFINITY, |cameras| rms_with(&cameras, &judge));
+    let before_px = rms_with(&expected, &judge);
+    let mut outcome = Outcome::default();
+    let record = &mut outcome.record;
+    record.from = args.pictures.names();
+    record.kept = before_px < held_out_px;
+    let (n, views) =
+        (expected.len(), sheets.iter().map(|s| s.view).collect::<std::collections::BTreeSet<_>>().len());
+    record.summary = format!("{n} cameras from {views} views of a board: residuals {:.2} px", found.rms_px);
+    record.figure("residuals", format!("{:.3} px", found.rms_px));
+    record.figure(
+        "residuals of views that took no part",
+        format!("{held_out_px:.3} px; with the places that were there {before_px:.3} px"),
+    );
+    for (camera, off) in placed_now.iter().zip(beside(&placed_now, &expected)) {
+        let id = camera.id;
+        record.figure(
+            format!("camera {id}: beside where the rig had it"),
+            format!("{:.3} mm, {:.2} mrad", off.mm, off.rad * 1e3),
+        );
+        if off.mm > BESIDE.0 || off.rad > BESIDE.1 {
+            record.advice.push(format!(
+                "camera {id} is {:.1} mm and {:.0} mrad beside where the rig had it: is it where it should be?",
+                off.mm,
+                off.rad * 1e3
+            ));
+        }
+    }
+    record.notes.push(
+        "the lenses are those of the rig; where all cameras are to the eye is as the rig had it: next, poses --from a \
+         stream of waved instruments, with --force, and trocars"
+            .into(),
+    );
+    pictures(rig, &found.residuals, &mut outcome)?;
+    outcome.rig = keep_or(rig, rig_with(rig, &placed_now)?, &mut outcome);
+    Ok(outcome)
+}
+
+/// Cameras with the lenses of `expected` from the board they see together.
+fn placed(expected: &[Camera], sheets: &[TargetView]) -> Result<Calibrated, calibration::CalibrationError> {
+    let sizes: Vec<[u32; 2]> = expected.iter().map(|c| c.size_px).collect();
+    let given = LensMode::Given(expected.to_vec());
+    let mut found =
+        calibrate_cameras(&sizes, sheets, [false; LENS], &given, Robustness::Huber, &mut |_, _| {})?;
+    found.scene.cameras.iter_mut().zip(expected).for_each(|(camera, own)| camera.id = own.id);
+    Ok(found)
+}
+
+/// Cameras that share too few views with others.
+fn lonely(rig: &Rig, sheets: &[TargetView]) -> Vec<String> {
+    let shared = |index: usize| {
+        let mine = sheets.iter().filter(|s| s.camera == index);
+        mine.filter(|s| sheets.iter().any(|o| o.camera != index && o.view == s.view)).count()
+    };
+    let all = rig.cameras.iter().enumerate().map(|(i, camera)| (camera.id, shared(i)));
+    all.filter(|(_, views)| *views < FEWEST_SHARED)
+        .map(|(id, views)| {
+            format!(
+                "camera {id} and another one saw the board at one time in {views} views, at least {FEWEST_SHARED} are \
+                 needed: hold it where camera {id} and others see it, and give pictures of one time one number"
+            )
+        })
+        .collect()
+}
+
+/// What is wrong with places that were found.
+fn misplaced(found: &Calibrated, expected: &[Camera]) -> Vec<String> {
+    let mut said = Vec::new();
+    let cameras = &found.scene.cameras;
+    let scale = spread_mm(cameras) / spread_mm(expected).max(1e-9);
+    if let Some((i, j)) = exchanged(cameras, expected) {
+        let (a, b) = (expected[i].id, expected[j].id);
+        said.push(format!(
+            "the pictures of cameras {a} and {b} seem to be exchanged: exchange their cables, or the names of the files"
+        ));
+    } else if !(1.0 / LARGEST_SCALE..=LARGEST_SCALE).contains(&scale) {
+        said.push(format!(
+            "the cameras come out {scale:.2} times as far apart as the rig says: is --pitch the distance of the board's \
+             corners in mm?"
+        ));
+    }
+    if found.rms_px > LARGEST_RMS_PX {
+        said.push(format!(
+            "residuals of {:.2} px, at most {LARGEST_RMS_PX} are taken: hold the board still while all cameras see it, \
+             give pictures of one time one number, and do lenses before",
+            found.rms_px
+        ));
+    }
+    said
+}
+
+fn pictures(rig: &Rig, residuals: &[Residual], outcome: &mut Outcome) -> Result<()> {
+    for (index, camera) in rig.cameras.iter().enumerate() {
+        let own: Vec<Residual> = residuals.iter().filter(|r| r.camera == index).copied().collect();
+        let id = camera.id;
+        outcome.pictures.push((
+            format!("poses-cam{id}.png"),
+            format!("camera {id}: residuals over the picture"),
+            residual_picture([camera.width, camera.height], &own)?,
+        ));
+    }
+    Ok(())
+}
+
+/// The new rig, or the one that was there where the record says so.
+fn keep_or(rig: &Rig, new: Rig, outcome: &mut Outcome) -> Option<Rig> {
+    if outcome.record.kept {
+        outcome.record.notes.push("the places that were there fit as well, and stay".into());
+        return Some(rig.clone());
+    }
+    Some(new)
+}
+
+/// How sure a rig is before its instruments are waved.
+const BEFORE: PriorSigmas = PriorSigmas { camera_mm: 0.2, camera_rad: 2e-3, marker_mm: 0.01, lens_px: 0.0 };
+
+fn waved(rig: &Rig, path: &Path) -> Result<Outcome> {
+    let stream = stream::load(rig, path)?;
+    let refined = |fields: &[BlobField]| {
+        refine_stream(rig, fields, &BEFORE, MOST_INSTANTS, &mut |_, _| {}).map_err(|problem| {
+            Refused(vec![format!(
+                "the stream does not place the cameras ({problem}): do poses from a board before, wave slowly, and keep \
+                 instruments and eye in view of all cameras"
+            )])
+        })
+    };
+    let found = refined(&stream.fields)?;
+    let half_ns = stream.fields[0].exposed_ns + (0.5e9 * stream.seconds) as u64;
+    let (first, rest): (Vec<BlobField>, Vec<BlobField>) =
+        stream.fields.iter().partition(|f| f.exposed_ns < half_ns);
+    let learnt = refined(&first)?.bundle.rig(rig);
+    let [held_out, before] = [&learnt, rig].map(|rig| Fit::of(rig, &rest));
+    let mut outcome = Outcome::default();
+    let report = waved_report(rig, &found, true);
+    let record = &mut outcome.record;
+    record.from = vec![path.display().to_string()];
+    record.kept = before.left_px < held_out.left_px;
+    record.summary =
+        format!("{:.0} s of waved instruments: residuals {:.3} px", stream.seconds, report.rms_px);
+    told(&report, record);
+    record.figure(
+        "left of the blobs of the other half of the stream",
+        format!("{held_out}; with the rig that was there {before}"),
+    );
+    record.advice.extend(stream.advice());
+    pictures(rig, &found.residuals, &mut outcome)?;
+    let new = Rig::parse(&found.bundle.rig(rig).to_json(), "of the waved instruments")?;
+    outcome.rig = keep_or(rig, new, &mut outcome);
+    Ok(outcome)
+}
+
+/// How a rig fits a stream.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Fit {
+    /// Root mean square of what is left of all blobs; one that fits no marker counts as 2 px.
+    pub left_px: f64,
+    /// Share of the blobs that fit.
+    pub share: f64,
+}
+
+impl Fit {
+    /// Of a rig that is trusted.
+    pub(crate) fn of(rig: &Rig, fields: &[BlobField]) -> Self {
+        let left = measure(rig, fields);
+        let share = left.explained.count as f64 / left.all.count.max(1) as f64;
+        Fit { left_px: left.mean().sqrt(), share }
+    }
+}
+
+impl std::fmt::Display for Fit {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{:.3} px, {:.1} % of the blobs fit", self.left_px, 100.0 * self.share)
+    }
+}
+
+/// The figures of a report in a record.
+pub(crate) fn told(report: &Report, record: &mut crate::folder::Record) {
+    for figure in &report.figures {
+        let sigma = figure.sigma.map(|s| format!(" ± {s:.4}")).unwrap_or_default();
+        let whole = figure.unit.is_empty() && figure.value.fract() == 0.0;
+        let digits = if whole { 0 } else { 4 };
+        record.figure(&figure.name, format!("{:.digits$}{sigma} {}", figure.value, figure.unit).trim_end());
+    }
+    record.notes.extend(report.notes.iter().cloned());
+}
+
+/// Instants of a stream with the rig.
+pub(crate) fn instants(
+    rig: &Rig,
+    path: &Path,
+) -> Result<(Stream, Vec<calibration::observations::FrameObservations>)> {
+    let stream = stream::load(rig, path)?;
+    let seen = stream.seen(rig)?;
+    Ok((stream, seen))
+}

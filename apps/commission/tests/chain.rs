@@ -1,0 +1,201 @@
+//! The whole way: from pictures and streams that a known rig gives, the rig is found again.
+
+mod painted;
+
+use calibration::observations::collect;
+use calibration::self_calibration::{fitted, spread};
+use calibration::target_problem::{camera_pose, set_camera_pose};
+use nalgebra::{Isometry3, Vector3};
+use painted::{Seen, before, stream, together, write_boards, write_markers, write_stream};
+use protocol::poses::EYE;
+use rig::Rig;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn commission(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_vitreo-commission")).args(args).output().unwrap()
+}
+
+/// Runs a step and gives what it says; panics with its words where it fails.
+fn done(args: &[&str]) -> String {
+    let output = commission(args);
+    let [out, err] = [&output.stdout, &output.stderr].map(|b| String::from_utf8_lossy(b).into_owned());
+    assert!(output.status.success(), "{args:?}: {err}");
+    println!("{out}{err}");
+    out + &err
+}
+
+/// Checks that a step is refused in these words.
+fn refused(args: &[&str], named: &[&str]) {
+    let output = commission(args);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{args:?}: {told}");
+    named.iter().for_each(|words| assert!(told.contains(words), "{words:?} in {told}"));
+}
+
+/// Gives camera 0 the pictures of camera 1, and the other way round.
+fn exchange(folder: &Path) {
+    for (from, to) in [("cam0", "kept"), ("cam1", "cam0"), ("kept", "cam1")] {
+        std::fs::rename(folder.join(from), folder.join(to)).unwrap();
+    }
+}
+
+/// The rig that a builder draws before anything is measured: lenses by 2 %, places by half a millimetre and some
+/// milliradians, trocars by 0.3 mm.
+fn drawn(truth: &Rig) -> Rig {
+    let mut rig = truth.clone();
+    for (c, camera) in rig.cameras.iter_mut().enumerate() {
+        let k = c as f64 + 1.0;
+        (camera.fx, camera.fy, camera.dist) = (1.02 * camera.fx, 0.98 * camera.fy, [0.0; 5]);
+        (camera.cx, camera.cy) = (360.0, 288.0);
+        let mut model = camera.model();
+        let off = Isometry3::new(
+            Vector3::new((1.7 * k).sin(), (2.9 * k).cos(), (0.6 * k).sin()) * 0.5,
+            Vector3::new((2.3 * k).cos(), (1.9 * k).sin(), (0.4 * k).cos()) * 4e-3,
+        );
+        let pose = off * camera_pose(&model);
+        set_camera_pose(&mut model, &pose);
+        let r = model.camera_from_world;
+        camera.rotation = std::array::from_fn(|i| std::array::from_fn(|j| r[(i, j)]));
+        camera.t = model.translation_mm.into();
+    }
+    rig.trocars.iter_mut().for_each(|t| t.p_eye = t.p_eye.map(|v| v + 0.3));
+    rig
+}
+
+/// Root mean square error of the tips in the eye, of poses that are fitted with a rig, µm.
+fn tips_um(rig: &Rig, seen: &Seen) -> f64 {
+    let (instants, bundle) = fitted(rig, &spread(collect(rig, &seen.fields), 300)).unwrap();
+    let (mut squares, mut n) = (0.0, 0);
+    for (instant, poses) in instants.iter().zip(&bundle.poses) {
+        let Some((_, tips)) = seen.tips.iter().find(|(t, _)| *t == instant.exposed_ns) else { continue };
+        for (pose, tip) in poses.iter().zip(tips) {
+            let Some((pose, eye)) = pose.as_ref().zip(poses[EYE].as_ref()) else { continue };
+            let found = eye.inverse_transform_point(&pose.translation.vector.into());
+            squares += (found - tip).norm_squared() * 1e6;
+            n += 1;
+        }
+    }
+    assert!(n > 100, "{n} tips only");
+    (squares / f64::from(n)).sqrt()
+}
+
+/// By camera: how far its centre is off, mm, and how far it is turned, mrad, beside the truth.
+fn places_off(rig: &Rig, truth: &Rig) -> Vec<[f64; 2]> {
+    let off = |(a, b): (rig::camera::Camera, rig::camera::Camera)| {
+        let beside = camera_pose(&a) * camera_pose(&b).inverse();
+        [(a.centre_in_world() - b.centre_in_world()).norm(), 1e3 * beside.rotation.angle()]
+    };
+    rig.cameras().into_iter().zip(truth.cameras()).map(off).collect()
+}
+
+struct Builder {
+    folder: tempfile::TempDir,
+}
+
+impl Builder {
+    fn path(&self, name: &str) -> String {
+        self.folder.path().join(name).display().to_string()
+    }
+
+    fn rig(&self) -> Rig {
+        Rig::load(&PathBuf::from(self.path("new/rig.json"))).unwrap()
+    }
+}
+
+#[test]
+fn a_rig_is_found_again_from_what_its_cameras_see() {
+    let truth = Rig::load_or_shipped(None).unwrap();
+    let own = Builder { folder: tempfile::tempdir().unwrap() };
+    let begin = drawn(&truth);
+    std::fs::write(own.path("drawn.json"), begin.to_json()).unwrap();
+    let [new, drawn_rig] = [own.path("new"), own.path("drawn.json")];
+    assert!(done(&[&new]).contains("next: vitreo commission"), "nothing is done yet");
+
+    // Colours.
+    let pictures = own.folder.path().join("markers");
+    std::fs::create_dir(&pictures).unwrap();
+    [40, 200, 360].iter().for_each(|n| write_markers(&truth, &pictures, *n, |pixel| pixel));
+    let told = done(&[&new, "--rig", &drawn_rig, "colours", "--from", pictures.to_str().unwrap()]);
+    assert!(told.contains("colours: 5 colours"), "{told}");
+
+    // Lenses: each camera by its own views.
+    let cameras = truth.cameras();
+    let boards = own.folder.path().join("boards");
+    let views = (0..18).map(|i| (format!("{i:03}"), cameras.iter().map(|c| before(c, i)).collect()));
+    write_boards(&cameras, &boards, &views.collect::<Vec<_>>());
+    let from = ["lenses", "--board", "9x6", "--pitch", "2.5", "--from", boards.to_str().unwrap()];
+    done(&[&[&*new, "--rig", &drawn_rig], &from[..]].concat());
+    let rig = own.rig();
+    for (found, true_lens) in rig.cameras.iter().zip(&truth.cameras) {
+        let off = [found.fx / true_lens.fx - 1.0, found.fy / true_lens.fy - 1.0].map(|v| 100.0 * v.abs());
+        let centre = [found.cx - true_lens.cx, found.cy - true_lens.cy];
+        println!("camera {}: focal lengths {off:.3?} %, centre {centre:.2?} px off", found.id);
+        assert!(off[0] < 0.5 && off[1] < 0.5, "{off:?} %");
+        assert!(centre.iter().all(|v| v.abs() < 8.0), "{centre:?} px");
+        assert_eq!(found.t, begin.cameras[found.id as usize].t, "places stay");
+    }
+    refused(&[&[&*new], &from[..]].concat(), &["lenses was done already", "--force does it again"]);
+    // Who begins with the true rig has nothing to gain.
+    std::fs::write(own.path("true.json"), truth.to_json()).unwrap();
+    let [other, true_rig] = ["other", "true.json"].map(|name| own.path(name));
+    let told = done(&[&[&*other, "--rig", &*true_rig], &from[..]].concat());
+    assert!(told.contains("the lens that was there fits as well, and stays"), "{told}");
+
+    // Places, from boards that all see.
+    let together_at = own.folder.path().join("together");
+    let views: Vec<_> = (0..12).map(|i| (format!("{i:03}"), vec![together(i)])).collect();
+    write_boards(&cameras, &together_at, &views);
+    let poses =
+        |pitch| [&*new, "poses", "--board", "9x6", "--pitch", pitch, "--from", together_at.to_str().unwrap()];
+    let before_poses = std::fs::read(own.path("new/rig.json")).unwrap();
+    refused(&poses("5"), &["times as far apart as the rig says: is --pitch"]);
+    exchange(&together_at);
+    refused(&poses("2.5"), &["the pictures of cameras 0 and 1 seem to be exchanged"]);
+    exchange(&together_at);
+    std::fs::rename(together_at.join("cam2"), own.path("cam2")).unwrap();
+    refused(&poses("2.5"), &["camera 2: no pictures: all cameras must see the board"]);
+    std::fs::rename(own.path("cam2"), together_at.join("cam2")).unwrap();
+    assert_eq!(
+        std::fs::read(own.path("new/rig.json")).unwrap(),
+        before_poses,
+        "what is refused changes nothing"
+    );
+    done(&poses("2.5"));
+    let by_board = own.rig();
+    println!("from the board: {:.3?} mm, mrad", places_off(&by_board, &truth));
+
+    // Places, from waved instruments; then trocars, and the check, on another stream.
+    let seen = stream(&truth, 12.0);
+    let wave = own.path("wave.jsonl");
+    write_stream(&seen.fields, Path::new(&wave));
+    // The boards alone say nothing about where the eye is, and the check says so.
+    let output = commission(&[&new, "check", "--from", &wave]);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    println!("{told}");
+    assert!(!output.status.success() && told.contains("poses"), "{told}");
+    done(&[&new, "--force", "poses", "--from", &wave]);
+    println!(
+        "waved: {:.3?} mm, mrad; tips {:.1} µm",
+        places_off(&own.rig(), &truth),
+        tips_um(&own.rig(), &seen)
+    );
+    done(&[&new, "trocars", "--from", &wave]);
+    let rig = own.rig();
+    let [found_um, true_um] = [&rig, &truth].map(|rig| tips_um(rig, &seen));
+    let off = places_off(&rig, &truth);
+    println!("at the end: {off:.3?} mm, mrad; tips {found_um:.1} µm, with the true rig {true_um:.1} µm");
+    for (old, found) in truth.trocars.iter().zip(&rig.trocars) {
+        let mm = (Vector3::from(old.p_eye) - Vector3::from(found.p_eye)).norm();
+        println!("trocar of {}: {mm:.3} mm off", old.body);
+        assert!(mm < 0.03, "{mm} mm");
+    }
+    let told = done(&[&new, "--force", "check", "--from", &wave]);
+    assert!(told.contains("nothing is missing; the rig holds"), "{told}");
+    assert!(done(&[&new]).contains("all is done"), "all five steps");
+    let page = std::fs::read_to_string(own.path("new/report.html")).unwrap();
+    assert!(
+        page.matches("data:image/png;base64,").count() >= 3 + 3 + 3 + 4 && !page.contains("not done yet")
+    );
+    assert!(found_um < 1.5 * true_um + 1.0, "{found_um} µm, with the true rig {true_um} µm");
+}
