@@ -83,6 +83,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "protocol",
             "ipc",
             "outputs",
+            "plots",
             "rig",
             "settings",
             "scene",

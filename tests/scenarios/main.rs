@@ -6,6 +6,7 @@ mod bad_input;
 mod bridge;
 mod budgets;
 mod causes;
+mod certify;
 mod configuration;
 mod controls;
 mod crash;

@@ -8,7 +8,7 @@ mod output;
 mod scheduler;
 
 pub use output::LineSender;
-pub use scheduler::realtime_allowed;
+pub use scheduler::{REALTIME_PRIORITY, raise_this_thread, realtime_allowed};
 
 use crate::runtime::{StopSignal, Wakeups};
 use anyhow::{Context, bail};

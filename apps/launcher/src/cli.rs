@@ -63,6 +63,8 @@ pub enum Command {
     Bench(ForwardArgs),
     /// Judge reports of runs by their latency budgets.
     Budgets(crate::budgets::BudgetsArgs),
+    /// Measure how long poses take on this machine, and write the certificate.
+    Certify(Box<crate::certify::CertifyArgs>),
     /// Say what this machine has and lacks.
     Doctor(crate::doctor::DoctorArgs),
     /// Show what is set, and where; write a file of settings.
@@ -96,6 +98,7 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Handles(args) => forward::to(CONTROLS, "vitreo", Some("handles"), &cli.settings, args),
         Command::Bench(args) => forward::to(RENDERER, "vitreo", Some("bench"), &cli.settings, args),
         Command::Budgets(args) => crate::budgets::run(args),
+        Command::Certify(args) => crate::certify::run(args),
         Command::Doctor(args) => crate::doctor::run(args),
         Command::Config(args) => crate::config::run(args, Cli::command()),
         Command::Completions(args) => crate::manual::completions(args, Cli::command()),

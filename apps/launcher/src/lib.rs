@@ -3,6 +3,7 @@
 //! It starts the other crates' binaries and never links them.
 
 pub mod budgets;
+pub mod certify;
 pub mod children;
 pub mod cli;
 pub mod config;

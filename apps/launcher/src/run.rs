@@ -35,8 +35,10 @@ mod standby;
 mod supervisor;
 mod watch;
 
+pub(crate) use arguments::positive;
 pub use arguments::share;
 pub use field_trace::TraceOutArgs;
+pub(crate) use latency_stats::Durations;
 pub use load::{Judged, Load, NO_LOAD};
 pub use options::{OutputArgs, RunArgs, TrainingArgs, TrialArgs, ViewArgs};
 pub use policy::MAX_RESTARTS;

@@ -1,5 +1,6 @@
 //! Pictures of figures, drawn with plotters in our font: as PNG or SVG by the name of their file.
 
+pub mod histogram;
 pub mod line_plot;
 pub mod page;
 

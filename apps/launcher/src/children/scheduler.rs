@@ -1,12 +1,13 @@
 //! How a program is started under a scheduler.
 
+use anyhow::{Context, ensure};
 use ipc::programs::set_environment;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::OnceLock;
 
 /// Priority of real-time processes, 1 to 99; above ordinary ones, below the kernel's own threads.
-const REALTIME_PRIORITY: &str = "10";
+pub const REALTIME_PRIORITY: &str = "10";
 
 /// True if `chrt` is there and this user may start real-time processes. Tried once.
 pub fn realtime_allowed() -> bool {
@@ -17,6 +18,21 @@ pub fn realtime_allowed() -> bool {
         attempt.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
         attempt.status().is_ok_and(|s| s.success())
     })
+}
+
+/// Puts the calling thread under the real-time scheduler, as processes are that it is given for: what is measured
+/// beside them then waits no longer than they do.
+///
+/// # Errors
+/// Where `chrt` is not there or refuses.
+pub fn raise_this_thread() -> anyhow::Result<()> {
+    let thread = rustix::thread::gettid().as_raw_nonzero().to_string();
+    let mut raise = Command::new("chrt");
+    raise.args(["--rr", "--pid", REALTIME_PRIORITY, &thread]);
+    let raised = raise.stdin(Stdio::null()).output().context("chrt")?;
+    let told = String::from_utf8_lossy(&raised.stderr).trim().to_owned();
+    ensure!(raised.status.success(), "real-time scheduling is refused: {told}");
+    Ok(())
 }
 
 /// The command that runs a program, with `realtime` under the real-time scheduler.

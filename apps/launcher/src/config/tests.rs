@@ -27,6 +27,7 @@ fn value_of(command: &clap::Command, arg: &Arg) -> String {
         "99",
         "\"a.mp4\"",
         "\"a.png\"",
+        "\"a.html\"",
         "\"tracker.gate=10\"",
         "\"tracker.gate=10:60:6\"",
         "\"a\"",

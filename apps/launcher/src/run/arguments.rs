@@ -3,7 +3,7 @@
 use protocol::budget::Stage;
 
 /// A duration, s.
-pub(super) fn positive(text: &str) -> Result<f64, String> {
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("expected seconds, found '{text}'"))?;
     let range = 0.0..=86_400.0 * 365.0;
     if value > 0.0 && range.contains(&value) { Ok(value) } else { Err("expected more than 0 s".into()) }

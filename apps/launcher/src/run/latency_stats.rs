@@ -64,6 +64,22 @@ impl Durations {
         edge_ns.min(self.worst.map_or(u64::MAX, |(ns, _)| ns)) as f64 * 1e-6
     }
 
+    /// These and others together.
+    pub fn with(&self, others: &Durations) -> Self {
+        let mut all = Durations::default();
+        for one in [self, others] {
+            all.histogram.add(&one.histogram).expect("the same bounds");
+            all.sum_ns = all.sum_ns.saturating_add(one.sum_ns);
+        }
+        all.worst = self.worst.max(others.worst);
+        all
+    }
+
+    /// How many are at most so long, ns, to the histogram's three digits.
+    pub fn up_to(&self, ns: u64) -> u64 {
+        self.histogram.count_between(0, ns)
+    }
+
     /// Arithmetic mean, ms; 0 where none was counted.
     pub fn mean_ms(&self) -> f64 {
         self.sum_ns as f64 * 1e-6 / self.count().max(1) as f64

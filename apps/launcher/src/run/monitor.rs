@@ -2,7 +2,7 @@
 
 use super::report::{Picture, Removed, TierChoice};
 use protocol::events::{Event, Severity};
-use protocol::frames::{FrameRecord, TierReason};
+use protocol::frames::{DISPLAY_ESTIMATED, FrameRecord, TierReason};
 use protocol::poses::{BODY_NAMES, BodyStatus, TrackerFrame};
 use protocol::time::Nanos;
 use recording::Item;
@@ -127,8 +127,18 @@ impl Monitor {
             tiers: self.tiers.clone(),
             width_px: frame.width_px,
             height_px: frame.height_px,
+            displayed: displayed_by(frame.flags),
             renderer,
         })
+    }
+}
+
+/// What `displayed` of a frame with these flags is.
+fn displayed_by(flags: u32) -> &'static str {
+    if flags & DISPLAY_ESTIMATED != 0 {
+        "estimated: the first refresh after the picture was handed over"
+    } else {
+        "without a display: when the picture was complete"
     }
 }
 
@@ -182,5 +192,8 @@ mod tests {
         let choices: Vec<_> = picture.tiers.iter().map(|c| (c.tier, c.reason)).collect();
         assert_eq!(choices, [(0, TierReason::Start.text()), (1, TierReason::Overload.text())]);
         assert!((picture.tiers[1].at_s - 0.3).abs() < 1e-9);
+        assert!(picture.displayed.starts_with("without a display"));
+        monitor.note(&Item::Frame(FrameRecord { flags: DISPLAY_ESTIMATED, ..FrameRecord::zeroed() }));
+        assert!(monitor.picture("x".into()).unwrap().displayed.starts_with("estimated"));
     }
 }

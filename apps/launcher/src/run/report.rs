@@ -140,6 +140,8 @@ pub struct Picture {
     /// Of one channel, last frame.
     pub width_px: u32,
     pub height_px: u32,
+    /// What the frames' instant `displayed` is, by which the whole system is judged.
+    pub displayed: &'static str,
     /// In the renderer's own words: adapter, tier.
     pub renderer: String,
 }
@@ -355,6 +357,7 @@ impl Report {
             write!(out, "2 × {width} × {height} px, tier {}", p.tier)?;
             let why = p.tiers.last().map_or("", |choice| choice.reason);
             writeln!(out, " ({why}; {} choices)", p.tiers.len())?;
+            writeln!(out, "         displayed is {}", p.displayed)?;
         }
         for delivery in &self.cameras {
             writeln!(out, "{}", delivery.line())?;

@@ -1,0 +1,118 @@
+//! One stream through a tracker: starts it, feeds it and reads its poses, each in a thread or process of its own.
+
+use super::feeder::{Fed, Feed, Pace};
+use super::stream::Triples;
+use super::subscriber::{Read, Subscriber};
+use super::tally::Tally;
+use crate::children::{Child, Surroundings, end_all, wait_until_running};
+use crate::runtime::StopSignal;
+use anyhow::{Context, bail};
+use ipc::clock::now;
+use ipc::{Instance, Queue, Receiver, Sender};
+use protocol::control::Request;
+use protocol::health::{Health, Process};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc;
+use std::time::Duration;
+use tokio::sync::oneshot;
+
+/// How long the tracker may take to start.
+const START: Duration = Duration::from_secs(20);
+
+/// What streams are sent through.
+pub struct Bench<'a> {
+    /// The simulator of the measurement.
+    pub instance: &'a Instance,
+    /// The rig file, as the tracker finds it.
+    pub rig: String,
+    /// Whether all are under the real-time scheduler.
+    pub realtime: bool,
+    /// Raised where the command is to end.
+    pub stop: &'a StopSignal,
+}
+
+/// A stream.
+pub struct Stream {
+    /// What the cameras see.
+    pub triples: Triples,
+    /// Triples before those that count.
+    pub warm_up: u64,
+    /// Triples that count.
+    pub count: u64,
+    /// As fast as it is tracked, not at the rig's rate.
+    pub at_speed: bool,
+}
+
+/// What was measured of a stream.
+pub struct Measured {
+    /// By the feeder.
+    pub fed: Fed,
+    /// By the subscriber.
+    pub read: Read,
+    /// How long it took, s.
+    pub seconds: f64,
+}
+
+/// Threads that end when this is dropped.
+pub struct Ending(pub Arc<AtomicBool>);
+
+impl Drop for Ending {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+impl Bench<'_> {
+    /// Sends a stream through a new tracker.
+    ///
+    /// # Errors
+    /// Where the tracker does not start or ends, a thread fails, or the command is to end.
+    pub async fn measure(&self, stream: Stream) -> anyhow::Result<Measured> {
+        let mut health: Receiver<Health> = self.instance.receiver(Queue::InOrder)?;
+        let mut requests: Sender<Request> = self.instance.sender()?;
+        let surroundings = Surroundings { realtime: self.realtime, ..Surroundings::default() };
+        let args = ["--rig".into(), self.rig.clone()];
+        let tracker = [Child::spawn(Process::Tracker, self.instance.name(), &args, &surroundings)?];
+        wait_until_running(&mut health, &tracker, &surroundings.ended, START, self.stop).await?;
+        let measured = tokio::select! {
+            measured = self.send(stream) => measured?,
+            () = tracker[0].ended() => bail!("{}", tracker[0].exit_report()),
+            () = self.stop.raised() => bail!("stopped"),
+        };
+        let seq = requests.sent();
+        end_all(&tracker, &mut requests, seq).await;
+        Ok(measured)
+    }
+
+    async fn send(&self, stream: Stream) -> anyhow::Result<Measured> {
+        let Stream { triples, warm_up, count, at_speed } = stream;
+        let (stop, done_ns) = (Arc::<AtomicBool>::default(), Arc::<AtomicU64>::default());
+        let _ending = Ending(Arc::clone(&stop));
+        let (credits, told) = mpsc::channel();
+        let total = warm_up + count;
+        let first_ns = now().saturating_sub((total + 1) * triples.period_ns()).max(1);
+        let pace = if at_speed { Pace::AtSpeed(told, first_ns) } else { Pace::RealTime };
+        let subscriber = Subscriber {
+            instance: self.instance.name().into(),
+            triples: triples.clone(),
+            tally: Tally::of(warm_up, count),
+            credits: at_speed.then_some(credits),
+            realtime: self.realtime,
+            stop: Arc::clone(&stop),
+            done_ns: Arc::clone(&done_ns),
+        };
+        let instance = self.instance.name().to_owned();
+        let feed = Feed { instance, triples, count: total, pace, realtime: self.realtime, stop, done_ns };
+        let (ready, listens) = oneshot::channel();
+        let reading = tokio::task::spawn_blocking(move || subscriber.run(ready));
+        if listens.await.is_err() {
+            reading.await??;
+            bail!("the subscriber ended before it listened");
+        }
+        let begun = now();
+        let fed = tokio::task::spawn_blocking(move || feed.run()).await?.context("the feeder")?;
+        let read = reading.await?.context("the subscriber")?;
+        Ok(Measured { fed, read, seconds: (now() - begun) as f64 * 1e-9 })
+    }
+}

@@ -1,0 +1,136 @@
+//! The thread that stands for the cameras: it sends the blobs of one triple after the other, at the rig's rate or as
+//! fast as they are tracked.
+
+use super::stream::Triples;
+use crate::children::raise_this_thread;
+use crate::run::Durations;
+use bytemuck::Zeroable;
+use ipc::clock::{now, sleep_until};
+use ipc::{Instance, Sender};
+use protocol::blobs::BlobField;
+use protocol::time::Nanos;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver as Credits, RecvTimeoutError};
+use std::time::Duration;
+
+/// Triples that may be on their way at once where they go as fast as they are tracked: fewer than queues hold.
+pub const ON_THEIR_WAY: u64 = 8;
+/// A triple whose poses do not come within this time is not waited for any longer.
+const GIVEN_UP: Duration = Duration::from_secs(1);
+/// The first triple comes so much later than the begin, ns.
+const LEAD_NS: u64 = 20_000_000;
+
+/// When triples are sent.
+pub enum Pace {
+    /// At the rig's rate, by the clock.
+    RealTime,
+    /// As fast as poses come, of which each is told through this channel; the first is exposed at this instant of the
+    /// past, the others a period after each other.
+    AtSpeed(Credits<()>, Nanos),
+}
+
+/// What the feeder needs.
+pub struct Feed {
+    /// The simulator that it joins.
+    pub instance: String,
+    /// What it sends.
+    pub triples: Triples,
+    /// How many.
+    pub count: u64,
+    /// When.
+    pub pace: Pace,
+    /// Whether it runs under the real-time scheduler.
+    pub realtime: bool,
+    /// Raised to end it early.
+    pub stop: Arc<AtomicBool>,
+    /// When it was done, ns; 0 before.
+    pub done_ns: Arc<AtomicU64>,
+}
+
+/// What it tells in the end.
+#[derive(Debug, Default)]
+pub struct Fed {
+    /// How much later than due it sent the first blobs of a triple.
+    pub late: Durations,
+    /// Triples that were not waited for any longer.
+    pub given_up: u64,
+}
+
+impl Feed {
+    /// Sends everything.
+    ///
+    /// # Errors
+    /// Where the channel or the scheduler is refused.
+    pub fn run(mut self) -> anyhow::Result<Fed> {
+        let done = Arc::clone(&self.done_ns);
+        let fed = self.feed();
+        done.store(now(), Ordering::Release);
+        fed
+    }
+
+    fn feed(&mut self) -> anyhow::Result<Fed> {
+        if self.realtime {
+            raise_this_thread()?;
+        }
+        let instance = Instance::join(&self.instance)?;
+        let mut blobs: Sender<BlobField> = instance.sender()?;
+        let mut fields = vec![BlobField::zeroed(); self.triples.cameras()];
+        let mut fed = Fed::default();
+        let begin = now() + LEAD_NS;
+        let mut on_their_way = 0;
+        for number in 0..self.count {
+            if self.stop.load(Ordering::Relaxed) {
+                break;
+            }
+            let since_ns = number * self.triples.period_ns();
+            match &self.pace {
+                Pace::RealTime => {
+                    let due = begin + since_ns;
+                    self.triples.draw(number, due - self.triples.read_out_ns(), &mut fields);
+                    sleep_until(due);
+                    fed.late.note(now() - due, number);
+                }
+                Pace::AtSpeed(credits, first_ns) => {
+                    self.triples.draw(number, first_ns + since_ns, &mut fields);
+                    on_their_way = wait_for_room(credits, on_their_way, &mut fed) + 1;
+                }
+            }
+            for field in &mut fields {
+                field.blobs_out_ns = now();
+                blobs.send(field)?;
+            }
+        }
+        Ok(fed)
+    }
+}
+
+/// Waits until fewer triples than may be are on their way; gives their number.
+fn wait_for_room(credits: &Credits<()>, mut on_their_way: u64, fed: &mut Fed) -> u64 {
+    on_their_way = on_their_way.saturating_sub(credits.try_iter().count() as u64);
+    while on_their_way >= ON_THEIR_WAY {
+        on_their_way -= 1;
+        if credits.recv_timeout(GIVEN_UP) == Err(RecvTimeoutError::Timeout) {
+            fed.given_up += 1;
+        }
+    }
+    on_their_way
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::mpsc;
+
+    #[test]
+    fn no_more_are_on_their_way_than_may_be_and_none_is_waited_for_for_ever() {
+        let (poses, credits) = mpsc::channel();
+        let mut fed = Fed::default();
+        assert_eq!(wait_for_room(&credits, 3, &mut fed), 3, "there is room");
+        (0..2).for_each(|_| poses.send(()).unwrap());
+        assert_eq!(wait_for_room(&credits, ON_THEIR_WAY, &mut fed), ON_THEIR_WAY - 2);
+        poses.send(()).unwrap();
+        assert_eq!((wait_for_room(&credits, ON_THEIR_WAY, &mut fed), fed.given_up), (ON_THEIR_WAY - 1, 0));
+        assert_eq!((wait_for_room(&credits, ON_THEIR_WAY, &mut fed), fed.given_up), (ON_THEIR_WAY - 1, 1));
+    }
+}

@@ -1,0 +1,268 @@
+//! What is counted of the poses that a subscriber reads. Pure: instants are arguments.
+
+use super::stream::Triples;
+use crate::run::Durations;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use protocol::geometry::Validity;
+use protocol::limits::BODIES;
+use protocol::poses::{BODY_NAMES, ClosedBy, TrackerFrame};
+use protocol::time::Nanos;
+use serde::Serialize;
+
+/// Sums of one body.
+#[derive(Debug, Clone, Default)]
+struct Body {
+    /// Frames in which it was measured.
+    measured: u64,
+    /// The first pose at rest, from which those at rest are told apart.
+    reference: Option<Isometry3<f64>>,
+    resting: u64,
+    /// Of positions less the reference's, mm, and of turns from it, rad.
+    sum: [Vector3<f64>; 2],
+    squares: [f64; 2],
+    /// Of the position less the truth at rest, mm.
+    off: Vector3<f64>,
+    /// Least and largest position, mm.
+    range: Option<[Vector3<f64>; 2]>,
+    /// Largest turn from the reference, rad.
+    turned: f64,
+    moving: u64,
+    /// Of errors while it moved, mm² and rad².
+    errors: [f64; 2],
+}
+
+impl Body {
+    fn note(&mut self, pose: &Isometry3<f64>, truth: &Isometry3<f64>, at_rest: bool) {
+        self.measured += 1;
+        let reference = *self.reference.get_or_insert(*pose);
+        let position = pose.translation.vector;
+        let turn = (reference.rotation.inverse() * pose.rotation).scaled_axis();
+        if at_rest {
+            let differences = [position - reference.translation.vector, turn];
+            for (i, difference) in differences.into_iter().enumerate() {
+                self.sum[i] += difference;
+                self.squares[i] += difference.norm_squared();
+            }
+            self.off += position - truth.translation.vector;
+            self.resting += 1;
+        } else {
+            self.errors[0] += (position - truth.translation.vector).norm_squared();
+            self.errors[1] += angle_between(&pose.rotation, &truth.rotation).powi(2);
+            self.moving += 1;
+        }
+        let [least, most] = self.range.unwrap_or([position; 2]);
+        self.range = Some([least.inf(&position), most.sup(&position)]);
+        self.turned = self.turned.max(turn.norm());
+    }
+
+    fn figures(&self, name: &'static str, frames: u64) -> BodyFigures {
+        let resting = self.resting.max(1) as f64;
+        let spread =
+            |i: usize| (self.squares[i] / resting - (self.sum[i] / resting).norm_squared()).max(0.0).sqrt();
+        let moving = self.moving.max(1) as f64;
+        let [least, most] = self.range.unwrap_or_default();
+        BodyFigures {
+            body: name,
+            measured_share: self.measured as f64 / frames.max(1) as f64,
+            static_frames: self.resting,
+            static_noise_um: 1e3 * spread(0),
+            static_noise_mrad: 1e3 * spread(1),
+            static_offset_um: 1e3 * (self.off / resting).norm(),
+            range_mm: (most - least).into(),
+            range_deg: self.turned.to_degrees(),
+            moving_frames: self.moving,
+            moving_error_um: 1e3 * (self.errors[0] / moving).sqrt(),
+            moving_error_mrad: 1e3 * (self.errors[1] / moving).sqrt(),
+        }
+    }
+}
+
+fn angle_between(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>) -> f64 {
+    (a.inverse() * b).angle()
+}
+
+/// Figures of one body.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct BodyFigures {
+    /// Its name.
+    pub body: &'static str,
+    /// Share of the poses in which it was measured.
+    pub measured_share: f64,
+    /// Poses at rest.
+    pub static_frames: u64,
+    /// Root mean square distance of positions at rest from their mean, µm: the tip of an instrument.
+    pub static_noise_um: f64,
+    /// The same of the orientation, mrad.
+    pub static_noise_mrad: f64,
+    /// Distance of that mean from the truth, µm.
+    pub static_offset_um: f64,
+    /// From the least to the largest coordinate, mm.
+    pub range_mm: [f64; 3],
+    /// Largest turn from the pose at rest, degrees.
+    pub range_deg: f64,
+    /// Poses in motion.
+    pub moving_frames: u64,
+    /// Root mean square error of the position in motion, µm.
+    pub moving_error_um: f64,
+    /// The same of the orientation, mrad.
+    pub moving_error_mrad: f64,
+}
+
+/// Everything that is counted of one stream.
+#[derive(Debug)]
+pub struct Tally {
+    /// First triple that counts, and how many do.
+    first: u64,
+    triples: u64,
+    /// The number that is due next.
+    next: u64,
+    /// Triples that have their poses.
+    pub seen: u64,
+    /// Of those, the ones whose frame was closed before all fields were in it.
+    pub incomplete: u64,
+    /// From the last blob sent until the pose is read; its parts, up to the tracker's having it, tracking, and from
+    /// there to the reader; and from the middle of the exposure.
+    pub latency: Durations,
+    /// [`Tally::latency`]'s parts.
+    pub parts: [Durations; 3],
+    /// From the middle of the exposure until the pose is read.
+    pub from_exposure: Durations,
+    bodies: [Body; BODIES],
+}
+
+/// The place of tracking proper in [`Tally::parts`].
+pub const TRACKING: usize = 1;
+/// Names of [`Tally::parts`].
+pub const PARTS: [&str; 3] =
+    ["last blob sent → taken by the tracker", "taken → poses sent", "poses sent → read"];
+
+impl Tally {
+    /// Of so many triples from `first` on.
+    pub fn of(first: u64, triples: u64) -> Self {
+        Tally {
+            first,
+            triples,
+            next: first,
+            seen: 0,
+            incomplete: 0,
+            latency: Durations::default(),
+            parts: Default::default(),
+            from_exposure: Durations::default(),
+            bodies: Default::default(),
+        }
+    }
+
+    /// Takes a frame that was read at `read_ns`.
+    pub fn note(&mut self, frame: &TrackerFrame, read_ns: Nanos, triples: &Triples) {
+        let field = frame.field;
+        if field < self.next || field - self.first >= self.triples {
+            return;
+        }
+        self.next = field + 1;
+        self.seen += 1;
+        let whole = frame.closed_by == ClosedBy::Inputs as u32
+            && frame.used().len() == triples.cameras()
+            && frame.used().iter().all(|used| used.field == field);
+        self.incomplete += u64::from(!whole);
+        let instants = &frame.instants;
+        self.latency.note(read_ns.saturating_sub(instants.blobs_out), field);
+        let ways = [instants.blobs_out, instants.taken, instants.tracked, read_ns];
+        for (part, pair) in self.parts.iter_mut().zip(ways.windows(2)) {
+            part.note(pair[1].saturating_sub(pair[0]), field);
+        }
+        self.from_exposure.note(read_ns.saturating_sub(instants.exposed), field);
+        let truth = triples.placed(field);
+        for ((body, state), truth) in self.bodies.iter_mut().zip(&frame.bodies).zip(&truth) {
+            if state.validity == Validity::Measured as u32 {
+                body.note(&state.world_from_body.isometry(), truth, triples.is_at_rest(field));
+            }
+        }
+    }
+
+    /// True once the last triple has come.
+    pub fn is_full(&self) -> bool {
+        self.next == self.first + self.triples
+    }
+
+    /// Triples without poses.
+    pub fn drops(&self) -> u64 {
+        self.triples - self.seen
+    }
+
+    /// Triples that count.
+    pub fn triples(&self) -> u64 {
+        self.triples
+    }
+
+    /// Figures of the bodies.
+    pub fn bodies(&self) -> Vec<BodyFigures> {
+        self.bodies.iter().zip(BODY_NAMES).map(|(body, name)| body.figures(name, self.seen)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use nalgebra::Translation3;
+    use protocol::geometry::Pose;
+    use protocol::poses::FieldUsed;
+    use rig::Rig;
+
+    fn triples() -> Triples {
+        Triples::of(&Rig::parse(super::super::RIG, "a rig").unwrap(), 20)
+    }
+
+    /// A whole frame, off by so much along x.
+    fn frame(triples: &Triples, field: u64, off_mm: f64) -> TrackerFrame {
+        let mut frame = TrackerFrame { field, used_count: 3, ..TrackerFrame::zeroed() };
+        frame.used[..3].fill(FieldUsed { field, ..FieldUsed::zeroed() });
+        let instants = &mut frame.instants;
+        (instants.exposed, instants.blobs_out, instants.taken, instants.tracked) =
+            (1_000_000, 5_000_000, 5_030_000, 5_100_000);
+        for (body, truth) in frame.bodies.iter_mut().zip(triples.placed(field)) {
+            body.world_from_body = Pose::from_isometry(&(Translation3::new(off_mm, 0.0, 0.0) * truth));
+            body.validity = Validity::Measured as u32;
+        }
+        frame
+    }
+
+    #[test]
+    fn latencies_are_parted_and_what_is_missing_is_dropped() {
+        let (triples, mut tally) = (triples(), Tally::of(2, 10));
+        for field in (0..16).filter(|field| *field != 6) {
+            tally.note(&frame(&triples, field, 0.0), 5_150_000, &triples);
+            assert_eq!(tally.is_full(), field >= 11, "{field}");
+        }
+        tally.note(&frame(&triples, 11, 0.0), 9_000_000, &triples);
+        assert_eq!((tally.seen, tally.drops(), tally.incomplete), (9, 1, 0));
+        let us = |durations: &Durations| (durations.at_ms(50.0) * 1e3).round() as u64;
+        assert_eq!(tally.parts.each_ref().map(us), [30, 70, 50]);
+        assert_eq!((us(&tally.latency), us(&tally.from_exposure)), (150, 4_150));
+        let mut late = frame(&triples, 2, 0.0);
+        late.used_count = 2;
+        let mut tally = Tally::of(2, 10);
+        tally.note(&late, 5_150_000, &triples);
+        assert_eq!((tally.seen, tally.incomplete), (1, 1));
+    }
+
+    #[test]
+    fn noise_is_about_the_mean_offset_from_the_truth_and_range_of_the_motion() {
+        let (triples, mut tally) = (triples(), Tally::of(0, 1_000));
+        // 3 µm to either side of an offset of 10 µm.
+        (0..1_000).for_each(|n| {
+            let off_mm = 0.010 + if n % 2 == 0 { 0.003 } else { -0.003 };
+            tally.note(&frame(&triples, n, off_mm), 6_000_000, &triples);
+        });
+        let [tip, _, eye] = <[BodyFigures; 3]>::try_from(tally.bodies()).unwrap();
+        assert_eq!((tip.static_frames, tip.moving_frames, tip.measured_share), (20, 980, 1.0));
+        assert!(
+            (tip.static_noise_um - 3.0).abs() < 1e-6 && (tip.static_offset_um - 10.0).abs() < 1e-6,
+            "{tip:?}"
+        );
+        let expected = (10.0f64.powi(2) + 3.0f64.powi(2)).sqrt();
+        assert!((tip.moving_error_um - expected).abs() < 1e-6 && tip.moving_error_mrad < 1e-3, "{tip:?}");
+        assert!(tip.range_mm.iter().all(|mm| (1.0..8.0).contains(mm)) && tip.range_deg > 5.0, "{tip:?}");
+        assert!(eye.range_mm[1] < 1e-9 && eye.range_deg > 3.0 && eye.static_noise_mrad < 1e-3, "{eye:?}");
+    }
+}
