@@ -7,6 +7,7 @@
 
 pub mod camera;
 pub mod overlay;
+pub mod packed;
 pub mod source;
 pub mod still;
 pub mod y4m;

@@ -34,6 +34,18 @@ pub struct Delivery {
     pub openings: u64,
     /// How late a field was there after it was read out, ms; 0 where it waited to be read.
     pub delay_ms: Delays,
+    /// Fields left out because the camera is faster than the rig says.
+    #[serde(default)]
+    pub surplus: u64,
+    /// Frames that a camera's driver lost or delivered damaged.
+    #[serde(default)]
+    pub lost: u64,
+    /// How far a camera's stamps were from its pace, ms; zeros of what has no stamps.
+    #[serde(default)]
+    pub jitter_ms: Delays,
+    /// What its camera was set to; empty where nothing was set.
+    #[serde(default)]
+    pub settings: String,
     /// How often what was wrong, by kind.
     pub troubles: BTreeMap<String, u64>,
     /// What is wrong at the end, in words; empty where nothing is.
@@ -57,6 +69,18 @@ impl Delivery {
             "camera {} ({}): {} fields, {} missing, {} of them late; delay p50 {p50:.1}, p99 {p99:.1}, max {max:.1} ms",
             self.camera, self.source, self.fields, self.missing, self.late
         );
+        if self.jitter_ms != Delays::default() {
+            let Delays { p50, p99, max } = self.jitter_ms;
+            line += &format!("; stamps jitter p50 {p50:.2}, p99 {p99:.2}, max {max:.2} ms");
+        }
+        for (count, what) in [(self.lost, "lost by its driver"), (self.surplus, "more than the rig's rate")] {
+            if count > 0 {
+                line += &format!("; {count} {what}");
+            }
+        }
+        if !self.settings.is_empty() {
+            line += &format!("; set to {}", self.settings);
+        }
         let troubles: Vec<String> = self.troubles.iter().map(|(kind, n)| format!("{kind} {n} ×")).collect();
         if !troubles.is_empty() {
             line += &format!("; {}", troubles.join(", "));
@@ -82,6 +106,11 @@ mod tests {
             line.starts_with("camera 2 (y4m:c): 9 fields, 0 missing") && line.ends_with("max 7.2 ms"),
             "{line}"
         );
+        let jitter_ms = Delays { p50: 0.11, p99: 0.5, max: 1.0 };
+        let settings = "gain 4".to_owned();
+        let stamped = Delivery { jitter_ms, lost: 3, settings, ..sound.clone() };
+        let end = "stamps jitter p50 0.11, p99 0.50, max 1.00 ms; 3 lost by its driver; set to gain 4";
+        assert!(stamped.line().ends_with(end), "{}", stamped.line());
         let troubles = BTreeMap::from([("closed".to_owned(), 3), ("black".to_owned(), 1)]);
         let line = Delivery { troubles, trouble: "its pipe is closed".into(), ..sound }.line();
         assert!(line.ends_with("; black 1 ×, closed 3 ×; at the end: its pipe is closed"), "{line}");

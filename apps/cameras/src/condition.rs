@@ -17,6 +17,10 @@ pub enum Kind {
     Refused,
     /// Whoever wrote into its pipe has closed it.
     Closed,
+    /// Its camera is not there any more.
+    Unplugged,
+    /// Its camera's stamps cannot be true.
+    Stamps,
     /// It is open and brings nothing.
     Silent,
     /// It brings fields too late.
@@ -33,6 +37,8 @@ impl Kind {
             Kind::Over => "over",
             Kind::Refused => "refused",
             Kind::Closed => "closed",
+            Kind::Unplugged => "unplugged",
+            Kind::Stamps => "stamps",
             Kind::Silent => "silent",
             Kind::Slow => "slow",
             Kind::Black => "black",

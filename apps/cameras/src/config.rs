@@ -1,27 +1,40 @@
 //! Arguments of `vitreo-cameras`.
 
+use crate::commands::Command;
 use ipc::shell::ShellArgs;
 use protocol::handles::ControlChannels;
 use settings::commands::cameras::Streams;
 use settings::commands::processes::{RigArgs, SceneArgs};
+use settings::{Program, SettingsArgs};
 
-/// Pictures from pipes and files as the live cameras of a rig.
+/// What vitreo.toml says to the sub-command; a process of a run reads no file.
+pub const SETTINGS: Program = Program { prefix: "", without: &[], elsewhere: None };
+
+/// Pictures from cameras of this machine, pipes and files as the live cameras of a rig.
 #[derive(Debug, Clone, clap::Parser)]
 #[command(name = "vitreo-cameras", version)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Config {
+    /// Sub-command, instead of running as a process.
+    #[command(subcommand)]
+    pub command: Option<Command>,
     /// Arguments of every process.
     #[command(flatten)]
     pub shell: ShellArgs,
+    /// Whether files of settings are read.
+    #[command(flatten)]
+    pub settings: SettingsArgs,
     /// The rig.
     #[command(flatten)]
     pub rig: RigArgs,
     /// The scene, whose tools are in the hands where no handles are connected.
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// The source of each camera of the rig, in its order: y4m:PATH, a pipe or a file, with ?parity=1
-    /// where its first field has the odd lines.
-    #[arg(long, value_name = "y4m:PATH,...")]
-    pub cameras: Streams,
+    /// The source of each camera of the rig, in its order: v4l2:/dev/videoN, a camera of this machine,
+    /// with ?exposure_us=2000&gain=4&trigger=external to set it, or y4m:PATH, a pipe or a file, with
+    /// ?parity=1 where its first field has the odd lines.
+    #[arg(long, value_name = "v4l2:DEVICE|y4m:PATH,...", required = true)]
+    pub cameras: Option<Streams>,
     /// Leave these channels to another program of the run.
     #[arg(long, value_name = "handles,pedal", hide = true)]
     pub leave: Option<ControlChannels>,
@@ -30,7 +43,8 @@ pub struct Config {
     pub duration: Option<f64>,
 }
 
-fn seconds(text: &str) -> Result<f64, String> {
+/// A length of time in seconds.
+pub(crate) fn seconds(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|e| format!("{e}"))?;
     if value > 0.0 && value <= 1e6 { Ok(value) } else { Err("expected more than 0 and at most 1e6 s".into()) }
 }
@@ -46,11 +60,23 @@ mod tests {
             Config::try_parse_from(std::iter::once("vitreo-cameras").chain(args.iter().copied()))
         };
         let config = parse(&["--cameras", "y4m:a,y4m:b?parity=1", "--duration", "2.5"]).unwrap();
-        assert_eq!((config.cameras.0.len(), config.cameras.0[1].parity), (2, Some(1)));
+        let sources = config.cameras.expect("sources").0;
+        assert_eq!((sources.len(), sources[1].parity), (2, Some(1)));
+        for args in [
+            &["cameras"][..],
+            &["cameras", "--list"],
+            &["cameras", "virtual", "--snapshot", "s", "--force"],
+            &["cameras", "v4l2:/dev/video0?gain=4,y4m:b", "--duration", "2", "--rig", "r.json"],
+        ] {
+            assert!(parse(args).is_ok_and(|c| c.command.is_some()), "{args:?}");
+        }
         assert_eq!(config.duration, Some(2.5));
         for args in [
             &[][..],
             &["--cameras", "driver"],
+            &["cameras", "--list", "virtual"],
+            &["cameras", "--snapshot", "s"],
+            &["cameras", "usb:3"],
             &["--cameras", "virtual"],
             &["--cameras", "y4m:a", "--duration", "0"],
             &["--cameras", "y4m:a", "--leave", "fields"],

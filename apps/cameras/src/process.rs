@@ -1,8 +1,9 @@
 //! The process of the cameras: channels, the common start, heartbeat and figures.
 
 mod controls;
-mod feed;
+pub(crate) mod feed;
 mod figures;
+mod live;
 mod reader;
 
 use crate::config::Config;
@@ -38,7 +39,9 @@ const DRAIN_NS: u64 = 5_000_000;
 /// beginning, or a channel fails.
 pub fn run(config: &Config) -> Result<()> {
     let rig = Rig::load_or_shipped(config.rig.rig.as_deref()).context("--rig")?;
-    let (cameras, sources) = (rig.cameras(), &config.cameras.0);
+    let streams =
+        config.cameras.as_ref().context("--cameras: expected a source for each camera of the rig")?;
+    let (cameras, sources) = (rig.cameras(), &streams.0);
     ensure!(
         cameras.len() == sources.len(),
         "--cameras: expected {} sources, one for each camera of the rig, found {}",
@@ -255,6 +258,7 @@ impl Work<anyhow::Error> for LiveCameras {
         let at = now();
         self.feeds.iter_mut().for_each(|feed| feed.listen(at));
         if !self.has_begun {
+            self.feeds.iter_mut().for_each(|feed| feed.renew(at));
             self.begin()?;
         }
         if self.has_begun && self.over_ns.is_none() {

@@ -43,8 +43,14 @@ pub struct Tally {
     pub openings: u64,
     /// Number after the newest that was put out.
     pub after_newest: u64,
+    /// Left out because their camera is faster than the rig says.
+    pub surplus: u64,
+    /// Frames that the driver lost or delivered damaged.
+    pub lost: u64,
     /// Delays of those that were put out.
     pub delays: DelayCounts,
+    /// How far the camera's stamps were from its pace.
+    pub jitter: DelayCounts,
 }
 
 impl Tally {

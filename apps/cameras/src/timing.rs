@@ -66,6 +66,10 @@ pub enum Place {
     },
     /// It came too late.
     Late,
+    /// It was taken before the start.
+    Before,
+    /// Its camera is faster than the rig says: there is no number for it.
+    Surplus,
 }
 
 /// The numbers of one camera's fields.
@@ -78,7 +82,13 @@ pub struct Numbering {
     /// The lag of the first of the late fields in a row, ns, and their count.
     lag: Option<(u64, u32)>,
     last_arrived: Nanos,
+    /// The newest field that a camera has stamped: its instant and number.
+    stamped: Option<(Nanos, u64)>,
 }
+
+/// A field keeps the number that follows from the one before it while its instant is at most so far from
+/// that number's, as a share of a period: one that lies halfway between two numbers does not waver.
+const STEADY: f64 = 0.75;
 
 impl Numbering {
     /// The source was opened: what comes next has the number whose time it is.
@@ -100,6 +110,40 @@ impl Numbering {
             (_, true) => clock.first_line(self.next),
             _ => clock.read_out(self.next).saturating_add(clock.patience_ns),
         }
+    }
+
+    /// The number of a field that its camera says was read out at `read_out`; `None` before the start.
+    pub fn number_of(&self, clock: &Clock, read_out: Nanos) -> Option<u64> {
+        let after = |from: Nanos| (read_out as f64 - from as f64) / clock.period_ns as f64;
+        let place = after(clock.start_ns);
+        let follows =
+            self.stamped.filter(|_| !self.anew).map(|(at, number)| number as f64 + after(at).round());
+        let steady = follows.filter(|number| (number - place).abs() <= STEADY);
+        let number = steady.unwrap_or(place.round());
+        (number >= 0.0).then_some(number as u64)
+    }
+
+    /// When a field that was read out at `read_out` by its camera's stamp is published: at once where those
+    /// of the others are there, else [`Clock::patience_ns`] after it was read out at the latest.
+    pub fn stamped_due(&self, clock: &Clock, read_out: Nanos, awaited: u64) -> Nanos {
+        let wait = !self.anew && self.number_of(clock, read_out).is_some_and(|number| number >= awaited);
+        if wait { read_out.saturating_add(clock.patience_ns) } else { 0 }
+    }
+
+    /// Numbers a field that was read out at `read_out` by its camera's stamp, was there at `arrived` and is
+    /// looked at now.
+    pub fn place_stamped(&mut self, clock: &Clock, read_out: Nanos, arrived: Nanos, now: Nanos) -> Place {
+        let Some(number) = self.number_of(clock, read_out) else { return Place::Before };
+        self.anew = false;
+        if number < self.next {
+            return Place::Surplus;
+        }
+        self.stamped = Some((read_out, number));
+        self.next = number + 1;
+        if now.saturating_sub(read_out) > LATE_PERIODS * clock.period_ns {
+            return Place::Late;
+        }
+        Place::Taken { number, delay_ns: arrived.saturating_sub(read_out) }
     }
 
     /// Numbers a field that was there at `arrived` and is looked at now.

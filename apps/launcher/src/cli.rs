@@ -1,7 +1,7 @@
 //! The command line: one sub-command a module.
 
 use crate::forward::{self, ForwardArgs};
-use crate::programs::{BRIDGE, CALIBRATION, CAMERA, COMMISSION, CONTROLS, RENDERER, REPLAY};
+use crate::programs::{BRIDGE, CALIBRATION, CAMERA, COMMISSION, CONTROLS, RENDERER, REPLAY, STREAMS};
 use clap::{CommandFactory, Parser, Subcommand};
 use ipc::logging::LogArgs;
 use settings::SettingsArgs;
@@ -53,6 +53,8 @@ pub enum Command {
     Calibrate(ForwardArgs),
     /// Take a new rig into use, step by step: colours, lenses, cameras, trocars, and a check of all.
     Commission(ForwardArgs),
+    /// List the cameras of this machine, or show how those of a rig stand.
+    Cameras(ForwardArgs),
     /// Show what a foot pedal does, or learn its mapping.
     Pedal(ForwardArgs),
     /// Show what the handles send, or calibrate their jaws.
@@ -94,6 +96,7 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Rig(args) => forward::to(CALIBRATION, "vitreo", Some("rig"), &cli.settings, args),
         Command::Calibrate(args) => forward::to(CALIBRATION, "vitreo calibrate", None, &cli.settings, args),
         Command::Commission(args) => forward::to(COMMISSION, "vitreo commission", None, &cli.settings, args),
+        Command::Cameras(args) => forward::to(STREAMS, "vitreo", Some("cameras"), &cli.settings, args),
         Command::Pedal(args) => forward::to(CONTROLS, "vitreo", Some("pedal"), &cli.settings, args),
         Command::Handles(args) => forward::to(CONTROLS, "vitreo", Some("handles"), &cli.settings, args),
         Command::Bench(args) => forward::to(RENDERER, "vitreo", Some("bench"), &cli.settings, args),

@@ -4,7 +4,7 @@ use settings::Program;
 
 /// The binary of the camera hardware.
 pub const CAMERA: &str = "vitreo-fpga-model";
-/// The binary of cameras whose pictures come through pipes or from files.
+/// The binary of cameras of this machine, and of pictures through pipes and from files.
 pub const STREAMS: &str = "vitreo-cameras";
 /// The binary of a real pedal and real handles.
 pub const CONTROLS: &str = "vitreo-controls";
@@ -32,9 +32,10 @@ pub const SETTINGS: Program = Program {
         "calibrate",
         "commission",
         "bench",
+        "cameras",
         "pedal",
         "handles",
     ]),
 };
 /// The programs of [`SETTINGS`]' tables elsewhere.
-pub const WITH_SETTINGS: [&str; 5] = [CAMERA, CALIBRATION, COMMISSION, RENDERER, CONTROLS];
+pub const WITH_SETTINGS: [&str; 6] = [CAMERA, CALIBRATION, COMMISSION, RENDERER, STREAMS, CONTROLS];

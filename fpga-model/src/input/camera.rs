@@ -4,7 +4,8 @@
 //! YUYV, which is 4:2:2. A camera without YUYV is refused. The driver gives no instant of exposure;
 //! the reader stamps pictures on arrival.
 
-use super::{Picture, check_size};
+use super::Picture;
+use super::packed::{Layout, Packing};
 use anyhow::{Result, anyhow, bail, ensure};
 use linuxvideo::format::{Format, PixFormat, PixelFormat};
 use linuxvideo::stream::ReadStream;
@@ -17,14 +18,6 @@ pub struct Camera {
     stream: ReadStream,
     layout: Layout,
     taken: u64,
-}
-
-/// Memory layout of a YUYV picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Layout {
-    width: usize,
-    height: usize,
-    bytes_per_line: usize,
 }
 
 impl Camera {
@@ -70,61 +63,15 @@ fn start(device: Device) -> Result<(ReadStream, Layout)> {
     let asked = PixFormat::new(now.width(), now.height(), PixelFormat::YUYV);
     let camera = device.video_capture(asked).map_err(|e| failed("delivers YUYV", e))?;
     let got = camera.format();
-    let layout = Layout::of(got.width(), got.height(), got.bytes_per_line())?;
+    let layout = Layout::of(Packing::Yuyv, got.width(), got.height(), got.bytes_per_line())?;
     let format = got.pixel_format();
     ensure!(format == PixelFormat::YUYV, "expected a camera that delivers YUYV, found {format}");
     Ok((camera.into_stream().map_err(|e| failed("starts", e))?, layout))
 }
 
-impl Layout {
-    fn of(width: u32, height: u32, bytes_per_line: u32) -> Result<Self> {
-        check_size(width.into(), height.into())?;
-        let [width, height, bytes] = [width, height, bytes_per_line].map(|v| v as usize);
-        let least = width.div_ceil(2) * 4;
-        ensure!(bytes >= least, "expected at least {least} bytes a line, found {bytes}");
-        Ok(Layout { width, height, bytes_per_line: bytes })
-    }
-
-    /// Fills `into` from Y Cb Y Cr …
-    fn unpack(&self, bytes: &[u8], into: &mut Picture) -> Result<()> {
-        let (expected, found) = (self.bytes_per_line * self.height, bytes.len());
-        ensure!(found >= expected, "expected {expected} bytes of samples, found {found}");
-        (into.width, into.height) = (self.width, self.height);
-        for plane in [&mut into.luma, &mut into.blue, &mut into.red, &mut into.as_read] {
-            plane.clear();
-        }
-        for line in bytes.chunks_exact(self.bytes_per_line).take(self.height) {
-            let pairs = line.as_chunks::<4>().0.iter().take(self.width.div_ceil(2));
-            for (i, &[y0, blue, y1, red]) in pairs.enumerate() {
-                into.luma.push(y0);
-                if 2 * i + 1 < self.width {
-                    into.luma.push(y1);
-                }
-                into.blue.push(blue);
-                into.red.push(red);
-            }
-        }
-        Ok(())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn lines_are_taken_apart_without_their_padding() {
-        let layout = Layout::of(3, 2, 10).unwrap();
-        let bytes: Vec<u8> = (0..20).collect();
-        let mut picture = Picture::default();
-        layout.unpack(&bytes, &mut picture).unwrap();
-        assert_eq!(picture.luma, [0, 2, 4, 10, 12, 14]);
-        assert_eq!((&picture.blue[..], &picture.red[..]), (&[1, 5, 11, 15][..], &[3, 7, 13, 17][..]));
-        assert!(
-            layout.unpack(&bytes[..19], &mut picture).unwrap_err().to_string().contains("expected 20 bytes")
-        );
-        assert!(Layout::of(3, 2, 7).is_err() && Layout::of(0, 2, 8).is_err());
-    }
 
     #[test]
     fn what_is_no_camera_is_refused() {

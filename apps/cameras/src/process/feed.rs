@@ -1,11 +1,14 @@
 //! One camera: what its reader has brought, which numbers its fields have, and how it stands.
 
+use super::live::LiveReader;
 use super::reader::{Pictured, Reader, Told};
 use crate::condition::{Condition, Kind, Trouble};
+use crate::device::v4l2::Opener;
+use crate::device::{Open, Role};
 use crate::stream::Expected;
 use crate::tally::Tally;
 use crate::timing::{Clock, Numbering, Place};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use fpga_model::input::Picture;
 use ipc::BellRope;
 use protocol::deliveries::Delivery;
@@ -14,11 +17,11 @@ use protocol::time::Nanos;
 use rig::Rig;
 use rig::camera::Camera;
 use rig::region;
-use rig::sensor::Sensor as OfRig;
-use settings::commands::cameras::Stream;
+use rig::sensor::{Scan, Sensor as OfRig};
+use settings::commands::cameras::{Stream, StreamKind};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::sync::mpsc::{Receiver, Sender, channel, sync_channel};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 
 /// A source that has brought nothing for so many periods is silent.
 const SILENT_PERIODS: u64 = 10;
@@ -26,13 +29,15 @@ const SILENT_PERIODS: u64 = 10;
 const AWAITED_NS: u64 = 500_000_000;
 /// A camera that has shown nothing but black for so long is black, ns.
 const BLACK_NS: u64 = 1_000_000_000;
+/// A camera whose stamp could not be true is told of for so long, ns.
+const ODD_NS: u64 = 1_000_000_000;
 /// Late fields in a row after which a camera is slow, and fields in time after which it is not.
 const SLOW_AFTER: u32 = 3;
 const IN_TIME_AFTER: u32 = 25;
 
 /// A field that is to be published.
-pub(super) struct Field<'a> {
-    pub(super) header: FieldHeader,
+pub(crate) struct Field<'a> {
+    pub(crate) header: FieldHeader,
     picture: &'a Picture,
     /// First line and step in the picture.
     lines: [usize; 2],
@@ -55,11 +60,11 @@ struct Sensor {
 }
 
 impl Sensor {
-    fn header(&self, clock: &Clock, number: u64, parity: u32) -> FieldHeader {
+    fn header(&self, read_out_ns: Nanos, number: u64, parity: u32) -> FieldHeader {
         FieldHeader {
             field: number,
-            exposed_ns: clock.read_out(number).saturating_sub(self.of_rig.read_out_ns()),
-            first_line_ns: clock.read_out(number).saturating_sub(self.of_rig.lines_ns()),
+            exposed_ns: read_out_ns.saturating_sub(self.of_rig.read_out_ns()),
+            first_line_ns: read_out_ns.saturating_sub(self.of_rig.lines_ns()),
             line_period_ns: self.of_rig.line_ns,
             camera: self.of_rig.camera,
             parity,
@@ -71,17 +76,73 @@ impl Sensor {
     }
 }
 
+/// What a reader must know.
+struct Reading<'a> {
+    rig: &'a Rig,
+    camera: &'a Camera,
+    of_rig: OfRig,
+    stream: &'a Stream,
+}
+
+impl Reading<'_> {
+    /// What the thread of the reader does.
+    fn reader(
+        &self,
+        outbox: SyncSender<Told>,
+        spare: Receiver<Picture>,
+        rope: BellRope,
+        stop: Arc<AtomicBool>,
+    ) -> Result<Box<dyn FnOnce() + Send>> {
+        let Reading { rig, camera, of_rig, stream } = self;
+        let (frame_px, scan, path) = (camera.size_px, of_rig.scan, stream.path.clone());
+        let has_parity = stream.parity.is_some();
+        if stream.kind == StreamKind::Y4m {
+            let expected = Expected { frame_px, scan, field_hz: rig.field_hz, has_parity };
+            let reader = Reader { path, expected, outbox, spare, rope, stop };
+            return Ok(Box::new(move || reader.run()));
+        }
+        let whole = scan == Scan::Progressive;
+        ensure!(!(whole && has_parity), "{stream}: whole frames have all lines: leave ?parity away");
+        let believed_us = of_rig.exposure_ns / 1_000;
+        if let Some(us) = stream.wanted.exposure_us.filter(|us| u64::from(*us) != believed_us) {
+            tracing::warn!(
+                "{stream}: exposure {us} µs; the rig's exposure_ns says {believed_us} µs, which the tracker believes"
+            );
+        }
+        let opener = Opener {
+            path,
+            frame_px,
+            format: of_rig.format,
+            hz: rig.field_hz,
+            interlaced: !whole,
+            wanted: stream.wanted,
+        };
+        let opener: Box<dyn Open> = Box::new(opener);
+        let clock = || (ipc::clock::now(), ipc::clock::realtime_offset_ns());
+        let (role, period_ns) = (Role { frame_px, scan }, rig.field_period_ns());
+        let reader =
+            LiveReader { opener, role, sensor: *of_rig, period_ns, clock, outbox, spare, rope, stop };
+        Ok(Box::new(move || reader.run()))
+    }
+}
+
 /// One camera.
-pub(super) struct Feed {
+pub(crate) struct Feed {
     sensor: Sensor,
-    pub(super) source: String,
+    pub(crate) source: String,
+    is_device: bool,
+    period_ns: u64,
     first_parity: u32,
     inbox: Receiver<Told>,
     spare: Sender<Picture>,
     held: Option<Held>,
     numbering: Numbering,
-    pub(super) tally: Tally,
-    pub(super) condition: Condition,
+    pub(crate) tally: Tally,
+    pub(crate) condition: Condition,
+    /// What its camera was set to, in words.
+    settings: String,
+    /// When its camera's stamp could not be true last.
+    odd_ns: Nanos,
     /// `None` while nothing is known of it.
     is_file: Option<bool>,
     /// A file is over, or defective for this reason.
@@ -99,7 +160,7 @@ pub(super) struct Feed {
 
 impl Feed {
     /// Starts to read the source of a camera.
-    pub(super) fn start(
+    pub(crate) fn start(
         rig: &Rig,
         camera: &Camera,
         stream: &Stream,
@@ -111,19 +172,18 @@ impl Feed {
         let [width, height] = of_rig.field_size()?;
         let (outbox, inbox) = sync_channel(1);
         let (spare, spares) = channel();
-        let has_parity = stream.parity.is_some();
-        let (frame_px, scan) = (camera.size_px, of_rig.scan);
-        let expected = Expected { frame_px, scan, field_hz: rig.field_hz, has_parity };
-        let (path, stop) = (stream.path.clone(), Arc::clone(stop));
-        let reader = Reader { path, expected, outbox, spare: spares, rope, stop };
+        let reading = Reading { rig, camera, of_rig, stream };
+        let reader = reading.reader(outbox, spares, rope, Arc::clone(stop))?;
         let thread = std::thread::Builder::new().name(format!("camera-{}", camera.id));
-        thread.spawn(move || reader.run()).context("a thread for a camera")?;
+        thread.spawn(reader).context("a thread for a camera")?;
         let source = stream.to_string();
         let lines = region::lines(rig, camera).min(height) as u32;
         Ok(Feed {
             sensor: Sensor { of_rig, width: width as u32, lines },
             condition: Condition::new(format!("camera {} ({source})", camera.id)),
             source,
+            period_ns: rig.field_period_ns(),
+            is_device: stream.kind == StreamKind::V4l2,
             first_parity: stream.parity.unwrap_or(0),
             inbox,
             spare,
@@ -140,21 +200,28 @@ impl Feed {
             late_in_a_row: 0,
             in_time_in_a_row: 0,
             is_slow: false,
+            settings: String::new(),
+            odd_ns: 0,
         })
     }
 
+    /// A clock for this camera alone, which begins at `start_ns`.
+    pub(crate) fn own_clock(&self, start_ns: Nanos) -> Clock {
+        Clock { start_ns, period_ns: self.period_ns, lines_ns: self.sensor.of_rig.lines_ns(), patience_ns: 0 }
+    }
+
     /// Its id in the rig.
-    pub(super) fn camera(&self) -> u32 {
+    pub(crate) fn camera(&self) -> u32 {
         self.sensor.of_rig.camera
     }
 
     /// Takes in what the reader has brought, up to a picture that waits for its instant.
-    pub(super) fn listen(&mut self, now: Nanos) {
+    pub(crate) fn listen(&mut self, now: Nanos) {
         while self.held.is_none() {
             let Ok(told) = self.inbox.try_recv() else { return };
             match told {
-                Told::Opened { is_file, note } => {
-                    self.is_file = Some(is_file);
+                Told::Opened { is_file, settings, note } => {
+                    (self.is_file, self.settings) = (Some(is_file), settings);
                     if let Some(note) = note {
                         tracing::warn!("camera {} ({}) {note}", self.sensor.of_rig.camera, self.source);
                     }
@@ -173,34 +240,57 @@ impl Feed {
             self.numbering.opened();
             self.tally.openings += 1;
         }
+        if let Some(taken) = pictured.taken {
+            self.tally.lost += taken.lost;
+            taken.jitter_ns.into_iter().for_each(|ns| self.tally.jitter.note(ns));
+            self.odd_ns = if taken.is_odd { now } else { self.odd_ns };
+        }
         self.black_since = pictured.is_black.then(|| self.black_since.unwrap_or(now));
         self.held = Some(Held { pictured, taken: 0 });
     }
 
     /// When the first picture had come, while it waits for those of the others.
-    pub(super) fn first_arrived(&self) -> Option<Nanos> {
-        self.held.as_ref().map(|held| held.pictured.arrived_ns)
+    pub(crate) fn first_arrived(&self) -> Option<Nanos> {
+        self.held.as_ref().map(|held| held.pictured.taken.map_or(held.pictured.arrived_ns, |t| t.read_out_ns))
+    }
+
+    /// Before the start, a camera shows its newest picture: those before it are of no use.
+    pub(crate) fn renew(&mut self, now: Nanos) {
+        let is_live = |held: &mut Held| held.pictured.taken.is_some();
+        while let Some(held) = self.held.take_if(is_live) {
+            self.listen(now);
+            if self.held.is_none() {
+                self.held = Some(held);
+                return;
+            }
+            // A reader that is gone needs none.
+            let _ = self.spare.send(held.pictured.picture);
+        }
     }
 
     /// The number of the field that is still to come, of a camera from which one is expected.
-    pub(super) fn awaited(&self) -> Option<u64> {
+    pub(crate) fn awaited(&self) -> Option<u64> {
         let expected = self.held.is_none() && self.over.is_none() && self.condition.trouble().is_none();
         expected.then(|| self.numbering.next())
     }
 
     /// When there is a field to be published; `awaited` is the least number that is still to come.
-    pub(super) fn due(&self, clock: &Clock, awaited: u64) -> Option<Nanos> {
-        self.held.as_ref().map(|_| self.numbering.due(clock, self.numbering.next() < awaited))
+    pub(crate) fn due(&self, clock: &Clock, awaited: u64) -> Option<Nanos> {
+        let held = self.held.as_ref()?;
+        Some(match held.read_out(clock.period_ns) {
+            Some(read_out) => self.numbering.stamped_due(clock, read_out, awaited),
+            None => self.numbering.due(clock, self.numbering.next() < awaited),
+        })
     }
 
     /// The next number of the camera.
-    pub(super) fn next(&self) -> u64 {
+    pub(crate) fn next(&self) -> u64 {
         self.numbering.next()
     }
 
     /// Publishes by `send` every field that is due; `awaited` is the least number that is still to come
     /// from another camera.
-    pub(super) fn publish(
+    pub(crate) fn publish(
         &mut self,
         clock: &Clock,
         awaited: u64,
@@ -212,20 +302,23 @@ impl Feed {
             let (pictured, i) = (&held.pictured, held.taken);
             // The second field of a frame comes a period after the first, as the camera took it.
             let arrived = pictured.arrived_ns + i as u64 * clock.period_ns;
-            let place = self.numbering.place(clock, arrived, now);
-            let parities = pictured.interlace.parities();
-            held.taken += 1;
-            let is_done = held.taken == parities.len();
+            let stamped = held.read_out(clock.period_ns);
+            let place = match stamped {
+                Some(at) => self.numbering.place_stamped(clock, at, pictured.arrived_ns, now),
+                None => self.numbering.place(clock, arrived, now),
+            };
+            let (part, parts) = (pictured.parts.all()[i], pictured.parts.all().len());
             if let Place::Taken { number, delay_ns } = place {
-                let frame = parities.len() > 1;
                 let by_number = || self.sensor.of_rig.parity(number, self.first_parity);
-                let parity = if frame { parities[i] } else { by_number() };
-                let lines = if frame { [parity as usize, 2] } else { [0, 1] };
-                let header = self.sensor.header(clock, number, parity);
-                send(&Field { header, picture: &pictured.picture, lines })?;
+                let parity = part.parity.unwrap_or_else(by_number);
+                let read_out_ns = stamped.unwrap_or_else(|| clock.read_out(number));
+                let header = self.sensor.header(read_out_ns, number, parity);
+                send(&Field { header, picture: &pictured.picture, lines: part.lines })?;
                 self.tally.put_out(number, delay_ns);
             }
-            self.note_pace(place == Place::Late);
+            held.taken += 1;
+            let is_done = held.taken == parts;
+            self.note_pace(place);
             if is_done && let Some(held) = self.held.take() {
                 // A reader that is gone needs none.
                 let _ = self.spare.send(held.pictured.picture);
@@ -235,8 +328,12 @@ impl Feed {
         Ok(())
     }
 
-    fn note_pace(&mut self, late: bool) {
-        if late {
+    fn note_pace(&mut self, place: Place) {
+        if matches!(place, Place::Before | Place::Surplus) {
+            self.tally.surplus += u64::from(place == Place::Surplus);
+            return;
+        }
+        if place == Place::Late {
             (self.late_in_a_row, self.in_time_in_a_row) = (self.late_in_a_row + 1, 0);
             self.tally.late += 1;
         } else {
@@ -247,22 +344,22 @@ impl Feed {
     }
 
     /// True if nothing more will come and nothing waits.
-    pub(super) fn is_over(&self) -> bool {
+    pub(crate) fn is_over(&self) -> bool {
         self.over.is_some() && self.held.is_none()
     }
 
     /// Why a file cannot be used, if that is so.
-    pub(super) fn defect(&self) -> Option<&str> {
+    pub(crate) fn defect(&self) -> Option<&str> {
         self.over.as_ref()?.as_deref()
     }
 
     /// True for a file, from which nothing comes by itself.
-    pub(super) fn is_file(&self) -> bool {
+    pub(crate) fn is_file(&self) -> bool {
         self.is_file == Some(true)
     }
 
     /// What is wrong with it at `now`.
-    pub(super) fn trouble(&self, period_ns: u64, started: bool, now: Nanos) -> Option<Trouble> {
+    pub(crate) fn trouble(&self, period_ns: u64, started: bool, now: Nanos) -> Option<Trouble> {
         let trouble = |kind, text: &str| Some(Trouble { kind, text: text.into() });
         let since = |instant: Nanos| now.saturating_sub(instant);
         let never = self.newest_ns == 0;
@@ -273,24 +370,40 @@ impl Feed {
             _ => {}
         }
         if never {
-            let what = "is waited for: nobody has opened its pipe and written a picture yet";
+            let what = match self.is_device {
+                true => "is waited for: its device has brought no picture yet",
+                false => "is waited for: nobody has opened its pipe and written a picture yet",
+            };
             return (since(self.begun_ns) >= AWAITED_NS).then(|| trouble(Kind::Awaited, what)).flatten();
+        }
+        if self.is_closed && self.held.is_none() && self.is_device {
+            return trouble(Kind::Unplugged, "is unplugged; it is waited for");
         }
         if self.is_closed && self.held.is_none() {
             return trouble(Kind::Closed, "is closed by its writer; it is waited for the next");
         }
         if started && self.held.is_none() && since(self.newest_ns) >= SILENT_PERIODS * period_ns {
-            return trouble(Kind::Silent, "brings nothing, though its pipe is open");
+            let what = match self.is_device {
+                true => "brings nothing, though it is there: look at its cable and trigger",
+                false => "brings nothing, though its pipe is open",
+            };
+            return trouble(Kind::Silent, what);
         }
         if self.is_slow {
             return trouble(Kind::Slow, "brings its pictures too late; late ones are left out");
+        }
+        if self.odd_ns > 0 && since(self.odd_ns) < ODD_NS {
+            return trouble(
+                Kind::Stamps,
+                "brings stamps that cannot be true; the arrival of its pictures counts",
+            );
         }
         let black = self.black_since.is_some_and(|black| since(black) >= BLACK_NS);
         black.then(|| trouble(Kind::Black, "shows nothing but black: look at cap, light and gain")).flatten()
     }
 
     /// Its figures so far; `reached` is the number that all cameras have reached.
-    pub(super) fn delivery(&self, reached: u64) -> Delivery {
+    pub(crate) fn delivery(&self, reached: u64) -> Delivery {
         let counts = self.condition.counts.iter().filter(|(k, _)| !matches!(k, Kind::Awaited | Kind::Over));
         Delivery {
             camera: self.sensor.of_rig.camera,
@@ -300,15 +413,40 @@ impl Feed {
             missing: self.tally.missing(reached),
             openings: self.tally.openings,
             delay_ms: self.tally.delays.delays(),
+            surplus: self.tally.surplus,
+            lost: self.tally.lost,
+            jitter_ms: self.tally.jitter.delays(),
+            settings: self.settings.clone(),
             troubles: counts.map(|(kind, n)| (kind.name().into(), *n)).collect(),
             trouble: self.condition.trouble().map_or_else(String::new, |t| t.text.clone()),
         }
     }
 }
 
+impl Held {
+    /// When its next field was read out, where its camera says it.
+    fn read_out(&self, period_ns: u64) -> Option<Nanos> {
+        let further = (self.pictured.parts.all().len() - 1 - self.taken) as u64;
+        self.pictured.taken.map(|taken| taken.read_out_ns.saturating_sub(further * period_ns))
+    }
+}
+
 impl Field<'_> {
+    /// All lines of the field, as a picture.
+    pub(crate) fn whole(&self) -> Picture {
+        let height = self.header.height as usize;
+        let mut whole = Picture { width: self.picture.width, height, ..Picture::default() };
+        for y in 0..height {
+            let (luma, blue, red) = self.picture.line(self.lines[0] + y * self.lines[1]);
+            whole.luma.extend_from_slice(luma);
+            whole.blue.extend_from_slice(blue);
+            whole.red.extend_from_slice(red);
+        }
+        whole
+    }
+
     /// Writes the pixels into a payload.
-    pub(super) fn write(&self, payload: &mut [u8]) {
+    pub(crate) fn write(&self, payload: &mut [u8]) {
         let to = FieldPicture::in_payload_mut(&self.header, payload);
         let (width, chroma, [first, step]) = (to.width, to.width / 2, self.lines);
         for y in 0..to.height {

@@ -2,6 +2,8 @@
 //! read when there is something in it, and the end of the process is looked for in between. It reads one
 //! picture ahead; the rest waits in the pipe, and so does the writer.
 
+use crate::device::Parts;
+use crate::stamps::Taken;
 use crate::stream::{Expected, PictureStream, is_black};
 use anyhow::{Result, anyhow, bail};
 use fpga_model::input::{Interlace, Picture};
@@ -18,10 +20,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender};
 
 /// Longest wait for a pipe without looking whether the process ends, ms.
-const LOOK_MS: i64 = 50;
+pub(super) const LOOK_MS: i64 = 50;
 /// Rounds of [`LOOK_MS`] between a source that was refused and the next try: a writer that goes on
 /// meanwhile learns that nobody reads.
-const ROUNDS_REFUSED: u32 = 6;
+pub(super) const ROUNDS_REFUSED: u32 = 6;
 /// Bytes read at a time.
 const BUFFER: usize = 1 << 18;
 
@@ -31,12 +33,14 @@ pub(super) enum Told {
     Opened {
         /// It is a file.
         is_file: bool,
+        /// What it was set to, in words; empty where nothing was set.
+        settings: String,
         /// What is odd about it, in words.
         note: Option<String>,
     },
     /// A picture.
     Picture(Box<Pictured>),
-    /// Whoever wrote into the pipe has closed it; it is waited for the next.
+    /// Whoever wrote into the pipe has closed it, or the camera was unplugged; it is waited for.
     Closed,
     /// What it brings cannot be used, in words; it is tried again.
     Refused(String),
@@ -47,11 +51,13 @@ pub(super) enum Told {
 /// A picture that came.
 pub(super) struct Pictured {
     pub(super) picture: Picture,
-    pub(super) interlace: Interlace,
+    pub(super) parts: Parts,
     pub(super) arrived_ns: Nanos,
     pub(super) is_black: bool,
     /// It is the first after the source was opened.
     pub(super) is_first: bool,
+    /// What its camera's stamp says; `None` of what has no stamps.
+    pub(super) taken: Option<Taken>,
 }
 
 /// Reads one source.
@@ -136,7 +142,7 @@ impl Reader {
 
     fn read_pictures(&self, input: &mut impl BufRead, is_file: bool) -> Result<()> {
         let mut stream = PictureStream::open(input, self.expected.clone())?;
-        self.tell(Told::Opened { is_file, note: stream.note.take() })?;
+        self.tell(Told::Opened { is_file, settings: String::new(), note: stream.note.take() })?;
         let mut is_first = true;
         loop {
             let mut picture = self.spare.try_recv().unwrap_or_default();
@@ -144,20 +150,19 @@ impl Reader {
                 return Ok(());
             }
             let is_black = is_black(&picture);
-            let (interlace, arrived_ns) = (stream.interlace, now());
-            self.tell(Told::Picture(Box::new(Pictured {
-                picture,
-                interlace,
-                arrived_ns,
-                is_black,
-                is_first,
-            })))?;
+            let parts = match stream.interlace {
+                Interlace::Progressive => Parts::one(None),
+                interlaced => Parts::woven(interlaced.parities()[0]),
+            };
+            let (arrived_ns, taken) = (now(), None);
+            let pictured = Pictured { picture, parts, arrived_ns, is_black, is_first, taken };
+            self.tell(Told::Picture(Box::new(pictured)))?;
             is_first = false;
         }
     }
 }
 
-fn pause() {
+pub(super) fn pause() {
     let until = now() + LOOK_MS as u64 * 1_000_000;
     ipc::clock::sleep_until(until);
 }

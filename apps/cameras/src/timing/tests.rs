@@ -13,7 +13,7 @@ fn placed(numbering: &mut Numbering, at_ms: impl IntoIterator<Item = u64>) -> Ve
         let at = CLOCK.start_ns + ms * MS;
         match numbering.place(&CLOCK, at, at) {
             Place::Taken { number, .. } => Some(number),
-            Place::Late => None,
+            Place::Late | Place::Before | Place::Surplus => None,
         }
     };
     at_ms.into_iter().map(place).collect()
@@ -80,6 +80,57 @@ fn a_pipe_that_is_opened_again_goes_on_with_the_number_of_its_arrival() {
     assert_eq!(placed(&mut numbering, [3_014, 3_020]), [Some(150), Some(151)]);
     numbering.opened();
     assert_eq!(placed(&mut numbering, [3_021]), [Some(152)], "no number comes twice");
+}
+
+/// Numbers of fields that a camera stamps with these instants after the start, ms.
+fn stamped(numbering: &mut Numbering, at_ms: impl IntoIterator<Item = i64>) -> Vec<Option<u64>> {
+    let place = |ms: i64| {
+        let at = CLOCK.start_ns.wrapping_add_signed(ms * MS as i64);
+        match numbering.place_stamped(&CLOCK, at, at + 2 * MS, at + 2 * MS) {
+            Place::Taken { number, delay_ns } => {
+                assert_eq!(delay_ns, 2 * MS);
+                Some(number)
+            }
+            Place::Late | Place::Before | Place::Surplus => None,
+        }
+    };
+    at_ms.into_iter().map(place).collect()
+}
+
+#[test]
+fn a_stamped_field_has_the_number_of_its_instant() {
+    let numbers = stamped(&mut Numbering::default(), [-40, 0, 20, 80, 100]);
+    assert_eq!(numbers, [None, Some(0), Some(1), Some(4), Some(5)]);
+    let before = CLOCK.start_ns - P;
+    assert_eq!(Numbering::default().place_stamped(&CLOCK, before, before, before), Place::Before);
+}
+
+#[test]
+fn a_camera_between_two_numbers_does_not_waver() {
+    // Half a period beside the others, and 1 ms of jitter.
+    let mut numbering = Numbering::default();
+    let at = (0..50).map(|k| 20 * k + if k % 2 == 0 { 9 } else { 11 });
+    let numbers: Vec<u64> = stamped(&mut numbering, at).into_iter().flatten().collect();
+    assert_eq!(numbers, (0..50).collect::<Vec<u64>>());
+}
+
+#[test]
+fn a_camera_that_is_faster_than_the_rig_leaves_fields_over() {
+    let numbers = stamped(&mut Numbering::default(), (0..100).map(|k| 15 * k));
+    let taken: Vec<u64> = numbers.iter().flatten().copied().collect();
+    assert!(taken.windows(2).all(|w| w[1] > w[0]), "{taken:?}");
+    assert!((70..=76).contains(&taken.len()), "{}", taken.len());
+}
+
+#[test]
+fn a_stamped_field_waits_for_the_others_and_not_for_what_is_late() {
+    let mut numbering = Numbering::default();
+    let at = CLOCK.start_ns + 3 * P;
+    stamped(&mut numbering, [0]);
+    assert_eq!(numbering.stamped_due(&CLOCK, at, 4), 0);
+    assert_eq!(numbering.stamped_due(&CLOCK, at, 3), at + CLOCK.patience_ns);
+    let old = numbering.place_stamped(&CLOCK, at, at, at + 2 * P + 1);
+    assert_eq!(old, Place::Late);
 }
 
 proptest! {

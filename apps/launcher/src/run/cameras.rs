@@ -7,7 +7,7 @@ use crate::runtime::StopSignal;
 use anyhow::Context;
 use ipc::logging::{warn, with_causes};
 use rig::Rig;
-use settings::commands::cameras::{Cameras, Streams};
+use settings::commands::cameras::{Cameras, StreamKind, Streams};
 use settings::inputs::check_file;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::path::Path;
@@ -21,7 +21,7 @@ const REMINDER: Duration = Duration::from_secs(600);
 
 /// What is wanted where nothing is configured.
 const NOT_CONFIGURED: &str = "no real cameras are configured: [run] of vitreo.toml needs \
-    cameras = \"PROGRAM\" or \"y4m:PATH,...\" and rig = \"RIG.json\" (docs/install.md, \"A rig that starts at \
+    cameras = \"PROGRAM\", \"v4l2:/dev/video0,...\" or \"y4m:PATH,...\" and rig = \"RIG.json\" (docs/install.md, \"A rig that starts at \
     boot\"); \
     start again when it has them";
 
@@ -47,27 +47,34 @@ pub fn check(real: &RealCamerasArgs, rig: Option<&Path>, direct: bool) -> anyhow
     }
     let Some(streams) = real.streams() else { return Ok(()) };
     if direct {
-        let problem = "--direct: y4m: brings pictures, in which the camera hardware looks for blobs; leave --direct away";
+        let problem = "--direct: y4m: and v4l2: bring pictures, in which the camera hardware looks for blobs; leave --direct away";
         return Err(WrongUse(problem.into()).into());
     }
     let cameras = Rig::load_or_shipped(rig).context("--rig")?.cameras.len();
     let sources = streams.0.len();
     if sources != cameras {
         let problem = format!(
-            "--cameras: expected {cameras} sources, one y4m:PATH for each camera of the rig in its order, found {sources}"
+            "--cameras: expected {cameras} sources, one y4m:PATH or v4l2:/dev/videoN for each camera of the rig in its order, found {sources}"
         );
         return Err(WrongUse(problem).into());
     }
     check_sources(streams)
 }
 
-/// Refuses sources that are neither pipes nor files. A pipe is not opened: who writes into it may come later.
+/// Refuses sources that are not what they are named as. None is opened: who writes into a pipe may come
+/// later, and a device is opened by who reads it.
 fn check_sources(streams: &Streams) -> anyhow::Result<()> {
-    for path in streams.0.iter().map(|stream| &stream.path) {
+    for stream in &streams.0 {
+        let path = &stream.path;
         check_file("--cameras", path)?;
         let kind = path.metadata()?.file_type();
-        let problem = "expected a pipe (mkfifo) or a file";
-        anyhow::ensure!(kind.is_fifo() || kind.is_file(), "--cameras {}: {problem}", path.display());
+        let (fits, expected) = match stream.kind {
+            StreamKind::Y4m => (kind.is_fifo() || kind.is_file(), "expected a pipe (mkfifo) or a file"),
+            StreamKind::V4l2 => {
+                (kind.is_char_device(), "expected a device (`vitreo cameras --list` lists them)")
+            }
+        };
+        anyhow::ensure!(fits, "--cameras {}: {expected}", path.display());
     }
     Ok(())
 }
@@ -137,11 +144,18 @@ mod tests {
         let [a, b] = ["a", "b"].map(|name| format!("y4m:{}", path(name)));
         assert_eq!(refused(&format!("{a},{a},{a}?parity=1"), false), None);
         let cases = [
-            (format!("{a},{a}"), false, "expected 3 sources, one y4m:PATH for each camera", true),
+            (
+                format!("{a},{a}"),
+                false,
+                "expected 3 sources, one y4m:PATH or v4l2:/dev/videoN for each camera",
+                true,
+            ),
             ([&*a; 9].join(","), false, "found 9", true),
             (format!("{a},{a},{a}"), true, "leave --direct away", true),
             (format!("{a},{b},{a}"), false, "/b: No such file", false),
             (format!("{a},{a},y4m:/dev/null"), false, "/dev/null: expected a pipe (mkfifo) or a file", false),
+            (format!("{a},{a},v4l2:{}", path("a")), false, "/a: expected a device", false),
+            (format!("{a},{a},v4l2:/dev/no-video"), false, "/dev/no-video: No such file", false),
         ];
         for (cameras, direct, named, wrong_use) in cases {
             let (told, is_wrong_use) = refused(&cameras, direct).expect("refused");

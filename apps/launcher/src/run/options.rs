@@ -118,13 +118,14 @@ pub struct TrainingArgs {
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Real cameras")]
 pub struct RealCamerasArgs {
-    /// Where the pictures come from: virtual (as without this option), y4m:PATH for each camera of
-    /// the rig, a pipe or a file of fields each (y4m:PATH?parity=1 where the first has the odd lines;
-    /// docs/cameras.md), or a program that drives cameras (it publishes fields of pixels, blobs with
+    /// Where the pictures come from: virtual (as without this option), or for each camera of the rig
+    /// v4l2:/dev/videoN, a camera of this machine (with ?exposure_us=2000&gain=4&trigger=external), or
+    /// y4m:PATH, a pipe or a file of fields (y4m:PATH?parity=1 where the first has the odd lines;
+    /// docs/cameras.md); or a program that drives cameras (it publishes fields of pixels, blobs with
     /// --direct, handles and pedal; docs/camera-hardware.md).
     #[arg(
         long,
-        value_name = "virtual|y4m:PATH,...|PROGRAM",
+        value_name = "virtual|v4l2:DEVICE,...|y4m:PATH,...|PROGRAM",
         requires = "rig",
         conflicts_with_all = ["blobs", "motion", "faults"]
     )]

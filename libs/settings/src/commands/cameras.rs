@@ -6,10 +6,10 @@ use std::str::FromStr;
 
 /// The word for the cameras that vitreo invents.
 const VIRTUAL: &str = "virtual";
-/// What a stream of pictures begins with.
-const Y4M: &str = "y4m:";
-/// The option of a stream.
-const PARITY: &str = "?parity=";
+/// Forms of a source, for messages.
+const FORMS: &str = "y4m:PATH or v4l2:/dev/videoN";
+/// Longest exposure that can be asked for, µs.
+const MAX_EXPOSURE_US: u32 = 1_000_000;
 
 /// What `--cameras` asks for.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -22,17 +22,70 @@ pub enum Cameras {
     Streams(Streams),
 }
 
-/// Streams of pictures, in the order of the rig's cameras.
+/// Sources of pictures, in the order of the rig's cameras.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Streams(pub Vec<Stream>);
 
-/// One stream of pictures (YUV4MPEG2).
+/// What brings the pictures of a camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StreamKind {
+    /// YUV4MPEG2 through a pipe or from a file.
+    Y4m,
+    /// A camera of this machine (Video4Linux2).
+    V4l2,
+}
+
+impl StreamKind {
+    /// What its form begins with.
+    fn prefix(self) -> &'static str {
+        match self {
+            StreamKind::Y4m => "y4m:",
+            StreamKind::V4l2 => "v4l2:",
+        }
+    }
+}
+
+/// What makes a camera begin an exposure.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Trigger {
+    /// Its own clock.
+    Internal,
+    /// A signal from outside.
+    External,
+}
+
+impl Trigger {
+    /// As in a source.
+    pub fn name(self) -> &'static str {
+        match self {
+            Trigger::Internal => "internal",
+            Trigger::External => "external",
+        }
+    }
+}
+
+/// What a camera is to be set to; what is not given stays as it is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Wanted {
+    /// Exposure, µs.
+    pub exposure_us: Option<u32>,
+    /// Gain, in the driver's unit.
+    pub gain: Option<i32>,
+    /// Trigger.
+    pub trigger: Option<Trigger>,
+}
+
+/// One source of pictures.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Stream {
-    /// A pipe or a file.
+    /// What it is.
+    pub kind: StreamKind,
+    /// A pipe, a file or a device.
     pub path: PathBuf,
     /// Parity of the field with number 0, where it is given.
     pub parity: Option<u32>,
+    /// What the camera is to be set to.
+    pub wanted: Wanted,
 }
 
 impl FromStr for Cameras {
@@ -42,13 +95,14 @@ impl FromStr for Cameras {
         if text == VIRTUAL {
             return Ok(Cameras::Virtual);
         }
-        if text.starts_with(Y4M) {
+        if [StreamKind::Y4m, StreamKind::V4l2].iter().any(|kind| text.starts_with(kind.prefix())) {
             return text.parse().map(Cameras::Streams);
         }
         let kind = text.split_once(':').map_or("", |(kind, _)| kind);
         let is_kind = kind.len() > 1 && kind.bytes().all(|b| b.is_ascii_lowercase() || b.is_ascii_digit());
         if text.is_empty() || is_kind {
-            let expected = "virtual, a program, or y4m:PATH for each camera of the rig, separated by commas";
+            let expected =
+                format!("virtual, a program, or {FORMS} for each camera of the rig, separated by commas");
             return Err(format!("expected {expected}, found {text:?} (a program of that name: ./{text})"));
         }
         Ok(Cameras::Program(text.into()))
@@ -67,25 +121,62 @@ impl FromStr for Stream {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let expected = "y4m:PATH or y4m:PATH?parity=1";
-        let refused = || format!("expected {expected} for each camera, found {text:?}");
-        let place = text.strip_prefix(Y4M).ok_or_else(refused)?;
-        let (path, parity) = match place.split_once('?') {
-            None => (place, None),
-            Some((path, _)) => {
-                let parity = match &place[path.len()..].strip_prefix(PARITY) {
-                    Some("0") => 0,
-                    Some("1") => 1,
-                    _ => {
-                        return Err(format!(
-                            "expected ?parity=0 or ?parity=1 after the path, found {text:?}"
-                        ));
-                    }
-                };
-                (path, Some(parity))
+        let refused = || format!("expected {FORMS} for each camera, found {text:?}");
+        let kinds = [StreamKind::Y4m, StreamKind::V4l2];
+        let found = kinds.into_iter().find_map(|kind| Some((kind, text.strip_prefix(kind.prefix())?)));
+        let (kind, place) = found.ok_or_else(refused)?;
+        let (path, options) = place.split_once('?').map_or((place, None), |(p, o)| (p, Some(o)));
+        if path.is_empty() {
+            return Err(refused());
+        }
+        let mut stream = Stream { kind, path: path.into(), parity: None, wanted: Wanted::default() };
+        for option in options.into_iter().flat_map(|o| o.split('&')) {
+            stream.take(option).map_err(|problem| format!("{problem}, found {option:?} in {text:?}"))?;
+        }
+        Ok(stream)
+    }
+}
+
+impl Stream {
+    /// Takes an option; the error says what was expected.
+    fn take(&mut self, option: &str) -> Result<(), String> {
+        let (key, value) = option.split_once('=').unwrap_or((option, ""));
+        let again = match key {
+            "parity" => self.parity.is_some(),
+            "exposure_us" => self.wanted.exposure_us.is_some(),
+            "gain" => self.wanted.gain.is_some(),
+            "trigger" => self.wanted.trigger.is_some(),
+            _ if self.kind == StreamKind::Y4m => {
+                return Err("expected ?parity=0 or ?parity=1 after the path".into());
             }
+            _ => return Err("expected parity, exposure_us, gain or trigger after the device".into()),
         };
-        if path.is_empty() { Err(refused()) } else { Ok(Stream { path: path.into(), parity }) }
+        if again {
+            return Err(format!("expected {key} once"));
+        }
+        if key != "parity" && self.kind == StreamKind::Y4m {
+            return Err(format!("expected no {key}: pictures from a pipe or a file are as they are"));
+        }
+        match key {
+            "parity" => {
+                let parity = ["0", "1"].iter().position(|p| *p == value);
+                self.parity = Some(parity.ok_or("expected ?parity=0 or ?parity=1 after the path")? as u32);
+            }
+            "exposure_us" => {
+                let exposure = value.parse().ok().filter(|us| (1..=MAX_EXPOSURE_US).contains(us));
+                self.wanted.exposure_us =
+                    Some(exposure.ok_or_else(|| format!("expected exposure_us=1 to {MAX_EXPOSURE_US}"))?);
+            }
+            "gain" => {
+                self.wanted.gain =
+                    Some(value.parse().map_err(|_| "expected gain=NUMBER, in the driver's unit")?)
+            }
+            _ => {
+                let trigger = [Trigger::Internal, Trigger::External].into_iter().find(|t| t.name() == value);
+                self.wanted.trigger = Some(trigger.ok_or("expected trigger=internal or trigger=external")?);
+            }
+        }
+        Ok(())
     }
 }
 
@@ -108,8 +199,15 @@ impl Display for Streams {
 
 impl Display for Stream {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        write!(f, "{Y4M}{}", self.path.display())?;
-        self.parity.map_or(Ok(()), |parity| write!(f, "{PARITY}{parity}"))
+        write!(f, "{}{}", self.kind.prefix(), self.path.display())?;
+        let options = [
+            self.parity.map(|parity| format!("parity={parity}")),
+            self.wanted.exposure_us.map(|us| format!("exposure_us={us}")),
+            self.wanted.gain.map(|gain| format!("gain={gain}")),
+            self.wanted.trigger.map(|trigger| format!("trigger={}", trigger.name())),
+        ];
+        let options: Vec<String> = options.into_iter().flatten().collect();
+        if options.is_empty() { Ok(()) } else { write!(f, "?{}", options.join("&")) }
     }
 }
 
@@ -119,7 +217,13 @@ mod tests {
 
     #[test]
     fn each_form_is_read_as_it_is_written() {
-        let stream = |path: &str, parity| Stream { path: path.into(), parity };
+        let stream = |path: &str, parity| Stream {
+            kind: StreamKind::Y4m,
+            path: path.into(),
+            parity,
+            wanted: Wanted::default(),
+        };
+        let set = Wanted { exposure_us: Some(2000), gain: Some(-4), trigger: Some(Trigger::External) };
         let streams = |all: &[Stream]| Cameras::Streams(Streams(all.to_vec()));
         for (text, expected) in [
             ("virtual", Cameras::Virtual),
@@ -128,6 +232,10 @@ mod tests {
             ("y4m:a", streams(&[stream("a", None)])),
             ("y4m:a,y4m:/b/c?parity=1,y4m:d?parity=0", {
                 streams(&[stream("a", None), stream("/b/c", Some(1)), stream("d", Some(0))])
+            }),
+            ("v4l2:/dev/video0?parity=1&exposure_us=2000&gain=-4&trigger=external,y4m:a", {
+                let device = Stream { kind: StreamKind::V4l2, wanted: set, ..stream("/dev/video0", Some(1)) };
+                streams(&[device, stream("a", None)])
             }),
         ] {
             let read: Cameras = text.parse().unwrap();
@@ -147,6 +255,13 @@ mod tests {
             ("y4m:a?parity=2", "?parity=0 or ?parity=1"),
             ("y4m:a?rate=50", "?parity=0 or ?parity=1"),
             ("y4m:?parity=1", "expected y4m:PATH"),
+            ("y4m:a?gain=4", "expected no gain: pictures from a pipe or a file are as they are"),
+            ("v4l2:", "expected y4m:PATH or v4l2:/dev/videoN"),
+            ("v4l2:/dev/video0?brightness=3", "expected parity, exposure_us, gain or trigger"),
+            ("v4l2:/dev/video0?exposure_us=0", "exposure_us=1 to 1000000, found \"exposure_us=0\""),
+            ("v4l2:/dev/video0?gain=much", "expected gain=NUMBER"),
+            ("v4l2:/dev/video0?gain=1&gain=2", "expected gain once"),
+            ("v4l2:/dev/video0?trigger=maybe", "trigger=internal or trigger=external"),
         ] {
             let told = text.parse::<Cameras>().unwrap_err();
             assert!(told.contains(named), "{text:?}: {told}");

@@ -178,7 +178,7 @@ fn file_kind(bytes: &[u8]) {
 }
 
 /// Command lines that show every option with a value of a form of its own.
-const ARGUMENTS: [&str; 22] = [
+const ARGUMENTS: [&str; 23] = [
     "vitreo run --duration 2.5 --percentile 99.9 --scene peel --picture side-by-side --budgets b.toml",
     "vitreo run --delay tracking=5 --delay camera=3.5 --faults mild,dropped --collision cpu",
     "vitreo play --input mouse --module navigation --level 2 --trainee anna",
@@ -198,7 +198,8 @@ const ARGUMENTS: [&str; 22] = [
     "vitreo-calibration waved --rig r.json --sigma 0.02 s.jsonl -o out.json",
     "vitreo-virtual-rig --late-camera 1=20 --duration 3 --after-round 2 --seed 9",
     "vitreo-desk --input gamepad --scene peel",
-    "vitreo-cameras --cameras y4m:a,y4m:b?parity=1 --duration 3",
+    "vitreo-cameras --cameras y4m:a,v4l2:b?parity=1&exposure_us=9&gain=-4&trigger=external --duration 3",
+    "vitreo-cameras cameras virtual --snapshot s --rig r.json --force",
     "vitreo-controls --pedal evdev:/dev/input/event5,analogue --handles serial:/dev/ttyUSB0?baud=9600",
     "vitreo-renderer --pictures-hz 2 --tier 4 --headless",
 ];

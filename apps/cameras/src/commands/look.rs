@@ -1,0 +1,319 @@
+//! `vitreo cameras SPEC,…`: a line a second for each camera, and a picture of each.
+
+use super::CamerasArgs;
+use super::clips::{CLIPS, Clips};
+use super::watch::Watch;
+use crate::process::feed::{Feed, Field};
+use crate::timing::Clock;
+use anyhow::{Result, bail, ensure};
+use bytemuck::Zeroable;
+use fpga_model::camera_extractor::CameraExtractor;
+use fpga_model::input::overlay::{draw, png};
+use fpga_model::input::{Interlace, Picture};
+use fpga_model::pixels;
+use ipc::Bell;
+use ipc::clock::{now, sleep_until};
+use outputs::{Names, Outputs};
+use protocol::blobs::BlobField;
+use protocol::fields::{FieldHeader, FieldPicture};
+use protocol::time::Nanos;
+use rig::Rig;
+use rig::sensor::Scan;
+use scene::{DEFAULT_SCENE, SceneFile};
+use settings::commands::cameras::{Cameras, Streams};
+use std::io::{IsTerminal, Write};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use surgeon::motion::MotionSource;
+use virtual_rig::cameras::{Cameras as Virtual, Path as Way};
+
+/// Time between two looks, and between two lines, ns.
+const LOOK_NS: u64 = 2_000_000;
+const LINE_NS: u64 = 1_000_000_000;
+/// A camera that is to be in a snapshot has so long to bring a picture, ns.
+const SNAPSHOT_NS: u64 = 10_000_000_000;
+/// Files of a snapshot.
+const PICTURES: Names = &[["camera-", ".png"]];
+/// Of the motion of the virtual cameras.
+const SEED: u64 = 1;
+
+/// What one camera shows.
+struct Look {
+    name: String,
+    extractor: CameraExtractor,
+    planes: FieldPicture,
+    blobs: Box<BlobField>,
+    watch: Watch,
+    /// Rows of a snapshot for each line.
+    lines: u32,
+    /// The newest picture, where one is wanted.
+    snapshot: Option<Picture>,
+}
+
+/// What is kept of the pictures.
+struct Kept {
+    snapshot: bool,
+    clips: Option<Clips>,
+}
+
+impl Kept {
+    fn any(&self) -> bool {
+        self.snapshot || self.clips.is_some()
+    }
+
+    /// Keeps a field of camera `i`.
+    fn take(&mut self, i: usize, look: &mut Look, header: &FieldHeader, picture: Picture) -> Result<()> {
+        if let Some(clips) = &mut self.clips {
+            clips.keep(i, header.field, header.parity, &picture)?;
+        }
+        if self.snapshot {
+            look.snapshot = Some(picture);
+        }
+        Ok(())
+    }
+}
+
+/// Where the pictures come from.
+enum Source {
+    /// A feed of each camera, and its clock once it has begun.
+    Feeds(Vec<(Feed, Option<Clock>)>),
+    /// Those that vitreo invents.
+    Virtual { cameras: Box<Virtual>, surgeon: Box<MotionSource>, number: u64, start_ns: Nanos },
+}
+
+/// Shows the cameras until Ctrl-C, the end of their files or of the time, or until all are in the snapshot.
+///
+/// # Errors
+/// Where the rig or a source is refused, a camera brings nothing for the snapshot, or it cannot be written.
+pub fn run(args: &CamerasArgs, cameras: &Cameras) -> Result<()> {
+    let rig = Rig::load_or_shipped(args.rig.rig.as_deref())?;
+    let mut outputs = Outputs::new(args.force.force).reading_all(args.rig.rig.iter());
+    let bell = Bell::new()?;
+    let stop = Arc::<AtomicBool>::default();
+    let mut source = Source::open(&rig, cameras, &bell, &stop)?;
+    let mut looks = source.looks(&rig, cameras)?;
+    if let Some(folder) = &args.snapshot {
+        outputs.claim_folder(folder, PICTURES)?;
+    }
+    let mut kept = Kept { snapshot: args.snapshot.is_some(), clips: None };
+    if let Some(folder) = &args.record_fields {
+        outputs.claim_folder(folder, CLIPS)?;
+        kept.clips = Some(Clips::begin(folder, looks.len(), rig.field_hz, &mut outputs)?);
+    }
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))?;
+    }
+    let (begun, mut lined) = (now(), now());
+    let ends = args.duration.map(|s| begun + (s * 1e9) as u64);
+    let wants = kept.snapshot;
+    let mut shown = Shown { in_place: std::io::stdout().is_terminal(), lines: 0 };
+    loop {
+        let at = now();
+        source.take(&mut looks, at, &mut kept)?;
+        let all_there = wants && looks.iter().all(|look| look.snapshot.is_some());
+        let is_over = stop.load(Ordering::Relaxed) || ends.is_some_and(|end| at >= end) || source.is_over();
+        if at >= lined + LINE_NS || all_there || is_over {
+            shown.show(&source.lines(&mut looks, rig.field_hz, at))?;
+            lined = at;
+        }
+        let given_up = wants && at >= begun + SNAPSHOT_NS;
+        if all_there || is_over || given_up {
+            break;
+        }
+        sleep_until(at + LOOK_NS);
+    }
+    stop.store(true, Ordering::Relaxed);
+    if let Some(clips) = kept.clips {
+        outputs::println!("kept: {}", clips.finish()?.join(","));
+    }
+    args.snapshot.as_ref().map_or(Ok(()), |folder| save(&looks, folder, &mut outputs))
+}
+
+impl Source {
+    fn open(rig: &Rig, cameras: &Cameras, bell: &Bell, stop: &Arc<AtomicBool>) -> Result<Self> {
+        match cameras {
+            Cameras::Program(program) => {
+                bail!(
+                    "{}: a program shows its pictures itself; expected v4l2:, y4m: or virtual",
+                    program.display()
+                )
+            }
+            Cameras::Virtual => {
+                let scene = SceneFile::load(DEFAULT_SCENE)?;
+                let surgeon = Box::new(MotionSource::new(&scene, rig, None, SEED));
+                let cameras = Box::new(Virtual::new(rig, Way::Pixels, SEED)?);
+                Ok(Source::Virtual { cameras, surgeon, number: 0, start_ns: now() })
+            }
+            Cameras::Streams(Streams(streams)) => {
+                let (expected, found) = (rig.cameras().len(), streams.len());
+                ensure!(
+                    found <= expected,
+                    "expected at most {expected} cameras, as the rig has, found {found}"
+                );
+                let cameras = rig.cameras();
+                let feed = |(camera, stream)| {
+                    anyhow::Ok((Feed::start(rig, camera, stream, bell.rope(), stop, now())?, None))
+                };
+                Ok(Source::Feeds(cameras.iter().zip(streams).map(feed).collect::<Result<_>>()?))
+            }
+        }
+    }
+
+    fn looks(&self, rig: &Rig, cameras: &Cameras) -> Result<Vec<Look>> {
+        let count = if let Source::Feeds(feeds) = self { feeds.len() } else { rig.cameras().len() };
+        let look = |(i, camera): (usize, &rig::camera::Camera)| {
+            let sensor = rig.sensor(camera.id);
+            let source = match self {
+                Source::Feeds(feeds) => feeds[i].0.source.clone(),
+                Source::Virtual { .. } => cameras.to_string(),
+            };
+            Ok(Look {
+                name: format!("camera {} ({source})", camera.id),
+                extractor: CameraExtractor::new(rig, camera)?,
+                planes: FieldPicture::of_size(sensor.field_size()?),
+                blobs: Box::new(BlobField::zeroed()),
+                watch: Watch::default(),
+                lines: if sensor.scan == Scan::Interlaced { 2 } else { 1 },
+                snapshot: None,
+            })
+        };
+        rig.cameras().iter().enumerate().take(count).map(look).collect()
+    }
+
+    /// Takes what has come.
+    fn take(&mut self, looks: &mut [Look], at: Nanos, kept: &mut Kept) -> Result<()> {
+        match self {
+            Source::Feeds(feeds) => {
+                listen(feeds, at, kept.clips.is_some())?;
+                for (i, ((feed, clock), look)) in feeds.iter_mut().zip(looks).enumerate() {
+                    let Some(clock) = clock else { continue };
+                    feed.publish(clock, u64::MAX, at, |field: &Field<'_>| {
+                        let mut payload = vec![0; field.header.bytes()];
+                        field.write(&mut payload);
+                        look.note(&field.header, &payload, at);
+                        if kept.any() { kept.take(i, look, &field.header, field.whole()) } else { Ok(()) }
+                    })?;
+                }
+                Ok(())
+            }
+            Source::Virtual { cameras, surgeon, number, start_ns } => {
+                let due = *start_ns + *number * cameras.clock(0).period_ns;
+                if at < due {
+                    return Ok(());
+                }
+                for (i, look) in looks.iter_mut().enumerate() {
+                    let mut exposure = cameras.expose(i, surgeon, *number);
+                    let header = exposure.header();
+                    let mut payload = vec![0; header.bytes()];
+                    exposure.paint(&mut payload);
+                    look.note(&header, &payload, at);
+                    if kept.any() {
+                        let picture = look.picture();
+                        kept.take(i, look, &header, picture)?;
+                    }
+                }
+                *number += 1;
+                Ok(())
+            }
+        }
+    }
+
+    fn is_over(&self) -> bool {
+        matches!(self, Source::Feeds(feeds) if feeds.iter().all(|(feed, _)| feed.is_over()))
+    }
+
+    /// A line for each camera.
+    fn lines(&self, looks: &mut [Look], field_hz: f64, at: Nanos) -> Vec<String> {
+        let line = |(i, look): (usize, &mut Look)| {
+            let (lost, trouble) = match self {
+                Source::Virtual { .. } => (0, None),
+                Source::Feeds(feeds) => {
+                    let (feed, clock) = &feeds[i];
+                    let period_ns = (1e9 / field_hz) as u64;
+                    let lost = feed.tally.lost + feed.tally.late + feed.tally.surplus;
+                    (lost, feed.trouble(period_ns, clock.is_some(), at))
+                }
+            };
+            let text = look.watch.line(field_hz, lost, trouble.as_ref().map(|t| t.text.as_str()));
+            format!("{}: {text}", look.name)
+        };
+        looks.iter_mut().enumerate().map(line).collect()
+    }
+}
+
+/// Hears of the sources, and begins those that have brought their first picture: each by itself, or all
+/// `together`, so that fields of one number are of one instant.
+fn listen(feeds: &mut [(Feed, Option<Clock>)], at: Nanos, together: bool) -> Result<()> {
+    for (feed, clock) in &mut *feeds {
+        feed.listen(at);
+        if clock.is_none() && together {
+            feed.renew(at);
+        }
+        if let Some(why) = feed.defect() {
+            bail!("{} {why}", feed.source);
+        }
+    }
+    let all: Option<Vec<Nanos>> = feeds.iter().map(|(feed, _)| feed.first_arrived()).collect();
+    let common = all.and_then(|all| all.into_iter().max());
+    for (feed, clock) in feeds.iter_mut().filter(|(_, clock)| clock.is_none()) {
+        let start_ns = if together { common } else { feed.first_arrived() };
+        *clock = start_ns.map(|start_ns| feed.own_clock(start_ns));
+    }
+    Ok(())
+}
+
+impl Look {
+    fn note(&mut self, header: &FieldHeader, payload: &[u8], at: Nanos) {
+        let found = self.extractor.extract_payload(header, payload, &mut self.blobs);
+        let Some(lines) = found.and_then(|_| pixels::decode(header, payload, &mut self.planes)) else {
+            return;
+        };
+        let luma = &self.planes.luma[..lines * self.planes.width];
+        self.watch.note(luma, self.blobs.blobs().len(), at);
+    }
+
+    /// The newest field as a picture.
+    fn picture(&self) -> Picture {
+        let FieldPicture { width, height, luma, blue, red } = self.planes.clone();
+        Picture { width, height, luma, blue, red, as_read: Vec::new() }
+    }
+}
+
+/// Lines in the place of those before, where standard output is a terminal.
+struct Shown {
+    in_place: bool,
+    lines: usize,
+}
+
+impl Shown {
+    fn show(&mut self, lines: &[String]) -> Result<()> {
+        let mut out = std::io::stdout().lock();
+        if self.in_place && self.lines > 0 {
+            write!(out, "\x1b[{}A", self.lines)?;
+        }
+        let clear = if self.in_place { "\x1b[2K" } else { "" };
+        for line in lines {
+            writeln!(out, "{clear}{}", outputs::printable(line))?;
+        }
+        self.lines = lines.len();
+        Ok(out.flush()?)
+    }
+}
+
+/// Writes the pictures. Of a camera that has brought none, that is said once the others are written.
+fn save(looks: &[Look], folder: &Path, outputs: &mut Outputs) -> Result<()> {
+    let mut missing = Vec::new();
+    for (i, look) in looks.iter().enumerate() {
+        let Some(picture) = &look.snapshot else {
+            missing.push(look.name.as_str());
+            continue;
+        };
+        let file = folder.join(format!("camera-{i}.png"));
+        let image = draw(&picture.view(Interlace::Progressive, 0), std::iter::empty(), look.lines);
+        outputs.write(&file, png(&image)?)?;
+        outputs::println!("{} is written", file.display());
+    }
+    ensure!(missing.is_empty(), "no picture of {} came", missing.join(" and "));
+    Ok(())
+}
