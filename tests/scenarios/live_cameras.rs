@@ -13,12 +13,14 @@ use scene::{DEFAULT_SCENE, SceneFile};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
+use std::time::Duration;
 use surgeon::motion::MotionSource;
 use virtual_rig::cameras::{Cameras, Path as Way};
-use vitreo_tests::{Observer, Running, instance_name, interrupt, json, next, repository, vitreo};
+use vitreo_tests::verified::{WITHOUT_FRAME, verify};
+use vitreo_tests::{Observer, Running, instance_name, interrupt, json, kill, next, repository, vitreo};
 
 /// Number of the even field that is painted; the odd one follows it.
 const FIELD: u64 = 200;
@@ -64,28 +66,93 @@ fn stream(fields: &[FieldPicture; 2], interlaced: bool) -> (Vec<u8>, Vec<Vec<u8>
     (head.into(), vec![picture([woven(0), woven(1), woven(2)])])
 }
 
+/// How a writer writes.
+#[derive(Clone, Copy, PartialEq)]
+enum Manner {
+    /// As fast as its reader reads.
+    Steady,
+    /// Not at all, with its pipe open.
+    Silent,
+    /// A third of the rig's rate.
+    Slow,
+    /// Nothing but black.
+    Black,
+}
+
 /// A writer into a pipe, over and over until it is told to stop or nobody reads.
 struct Writer {
     stop: Arc<AtomicBool>,
+    manner: Arc<Mutex<Manner>>,
     thread: JoinHandle<()>,
+}
+
+/// What a writer writes, and where.
+struct Writing {
+    pipe: PathBuf,
+    head: Vec<u8>,
+    pictures: Vec<Vec<u8>>,
+    black: Vec<u8>,
+    stop: Arc<AtomicBool>,
+    manner: Arc<Mutex<Manner>>,
+}
+
+impl Writing {
+    /// Opens the pipe and writes until it is told to stop; false where nobody reads any more.
+    fn write(&self) -> bool {
+        let mut into = std::fs::File::options().write(true).open(&self.pipe).expect("a pipe");
+        let mut put = |bytes: &[u8]| match into.write_all(bytes) {
+            Err(e) if e.kind() == ErrorKind::BrokenPipe => false,
+            written => written.map(|()| true).expect("written"),
+        };
+        let mut reads = put(&self.head);
+        for picture in self.pictures.iter().cycle() {
+            if !reads || self.stop.load(Ordering::Relaxed) {
+                break;
+            }
+            let manner = *self.manner.lock().expect("a manner");
+            reads = match manner {
+                Manner::Steady => put(picture),
+                Manner::Black => put(&self.black),
+                Manner::Silent => true,
+                Manner::Slow => put(picture),
+            };
+            // The writer's pace, not a wait for somebody.
+            match manner {
+                Manner::Silent => std::thread::sleep(Duration::from_millis(5)),
+                Manner::Slow => std::thread::sleep(Duration::from_millis(60)),
+                Manner::Steady | Manner::Black => {}
+            }
+        }
+        reads
+    }
 }
 
 impl Writer {
     fn start(pipe: &Path, fields: &[FieldPicture; 2], interlaced: bool) -> Self {
-        let ((head, pictures), pipe) = (stream(fields, interlaced), pipe.to_owned());
-        let stop = Arc::<AtomicBool>::default();
-        let stopped = Arc::clone(&stop);
+        Self::of(pipe, stream(fields, interlaced), false)
+    }
+
+    /// One that opens its pipe again where its reader is gone.
+    fn persistent(pipe: &Path, fields: &[FieldPicture; 2]) -> Self {
+        Self::of(pipe, stream(fields, false), true)
+    }
+
+    fn of(pipe: &Path, (head, pictures): (Vec<u8>, Vec<Vec<u8>>), persists: bool) -> Self {
+        let (stop, manner) = (Arc::<AtomicBool>::default(), Arc::new(Mutex::new(Manner::Steady)));
+        let mut black = pictures[0].clone();
+        let luma = (black.len() - 6) / 2;
+        black[6..6 + luma].fill(16);
+        black[6 + luma..].fill(128);
+        let (pipe, stopped, manners) = (pipe.to_owned(), Arc::clone(&stop), Arc::clone(&manner));
+        let writing = Writing { pipe, head, pictures, black, stop: stopped, manner: manners };
         let thread = std::thread::spawn(move || {
-            let mut into = std::fs::File::options().write(true).open(&pipe).expect("a pipe");
-            let pieces = std::iter::once(&head).chain(pictures.iter().cycle());
-            for piece in pieces.take_while(|_| !stopped.load(Ordering::Relaxed)) {
-                match into.write_all(piece) {
-                    Err(e) if e.kind() == ErrorKind::BrokenPipe => return,
-                    written => written.expect("written"),
-                }
-            }
+            while !writing.write() && persists && !writing.stop.load(Ordering::Relaxed) {}
         });
-        Writer { stop, thread }
+        Writer { stop, manner, thread }
+    }
+
+    fn be(&self, manner: Manner) {
+        *self.manner.lock().expect("a manner") = manner;
     }
 
     fn close(self) {
@@ -177,6 +244,81 @@ fn three_pipes_are_three_cameras_and_one_that_closes_is_taken_up_again() {
 }
 
 #[test]
+fn a_camera_that_is_silent_slow_black_or_of_another_size_is_told_and_taken_up_again() {
+    let (bench, name, painted) = (Bench::new(), instance_name(), painted());
+    let (pipes, report) = (bench.pipes(), bench.text("r.json"));
+    let run = Running::start(&words(&bench.run(&name, &["a", "b", "c"], &["--report", &report])));
+    let mut observer = Observer::join(&name);
+    let [first, middle, last] = [0, 1, 2].map(|i| Writer::start(&pipes[i], &painted[i], false));
+    let (source, mut poses) = (Process::VirtualRig, observer.receiver::<TrackerFrame>());
+    let sound = |observer: &mut Observer| {
+        observer.health(source, |h| h.state == STATE_RUNNING && h.text().is_empty());
+    };
+    sound(&mut observer);
+    let mut newest = next(&mut poses, |f| f.used_count == 3).field;
+    let mut told = |observer: &mut Observer, text: &str| {
+        let health = observer.health(source, |h| h.state == STATE_DEGRADED && h.text().contains(text));
+        assert!(health.text().starts_with("camera 1 "), "{}", health.text());
+        let frame = next(&mut poses, |f| f.field > newest + 10);
+        assert_ne!(frame.bodies[0].validity(), Validity::Lost, "{text}: tracking goes on");
+        newest = frame.field;
+    };
+    for (manner, text) in [
+        (Manner::Silent, "brings nothing, though its pipe is open"),
+        (Manner::Slow, "brings its pictures too late"),
+        (Manner::Black, "shows nothing but black"),
+    ] {
+        middle.be(manner);
+        told(&mut observer, text);
+        middle.be(Manner::Steady);
+        sound(&mut observer);
+    }
+    middle.close();
+    let small = FieldPicture::new([640, 480]);
+    let other = Writer::start(&pipes[1], &[small.clone(), small], false);
+    told(&mut observer, "progressive pictures of 640×240 px; the rig wants fields of 720×288 px");
+    other.close();
+    let again = Writer::start(&pipes[1], &painted[1], false);
+    sound(&mut observer);
+    next(&mut poses, |f| f.field > newest && f.used_count == 3);
+    interrupt(run.pid());
+    let finished = run.finish();
+    assert!(matches!(finished.code, Some(0 | 3)), "{finished:?}");
+    [first, again, last].into_iter().for_each(Writer::close);
+    let troubles = &json(&bench.path("r.json"))["cameras"][1]["troubles"];
+    for kind in ["silent", "slow", "black", "refused"] {
+        assert!(troubles[kind].as_u64() >= Some(1), "{kind}: {troubles}");
+    }
+}
+
+#[test]
+fn the_program_of_the_cameras_may_be_killed_and_the_recording_verifies() {
+    let (bench, name, painted) = (Bench::new(), instance_name(), painted());
+    let (pipes, record, report) = (bench.pipes(), bench.text("r.mcap"), bench.text("r.json"));
+    let further = ["--record", &record, "--report", &report];
+    let run = Running::start(&words(&bench.run(&name, &["a", "b", "c"], &further)));
+    let mut observer = Observer::join(&name);
+    let writers = [0, 1, 2].map(|i| Writer::persistent(&pipes[i], &painted[i]));
+    let (source, mut poses) = (Process::VirtualRig, observer.receiver::<TrackerFrame>());
+    let health = observer.health(source, |h| h.state == STATE_RUNNING);
+    let before = next(&mut poses, |f| f.used_count == 3 && f.frame > 60);
+    kill(health.pid);
+    let reborn = observer.health(source, |h| h.pid != health.pid && h.state == STATE_RUNNING);
+    assert_ne!(reborn.pid, health.pid);
+    let after = next(&mut poses, |f| f.used_count == 3 && f.instants.exposed > reborn.instant_ns);
+    assert!(after.field > before.field, "fields are counted on");
+    assert_eq!(after.bodies[0].validity(), Validity::Measured);
+    next(&mut poses, |f| f.field > after.field + 60);
+    writers.into_iter().for_each(Writer::close);
+    interrupt(run.pid());
+    drop((poses, observer));
+    let finished = run.finish();
+    assert!(matches!(finished.code, Some(0 | 3)), "{finished:?}");
+    assert_eq!(json(&bench.path("r.json"))["restarts"]["virtual-rig"], 1);
+    verify(&bench.path("r.mcap")).expect_but([60, 60], &[WITHOUT_FRAME, "gaps", "lack"]);
+}
+
+#[test]
 fn a_pipe_without_a_writer_hangs_nothing() {
     let (bench, name) = (Bench::new(), instance_name());
     bench.pipes();
@@ -220,6 +362,7 @@ fn sources_that_cannot_be_cameras_are_refused_in_words() {
         (&["a", "d", "a"], 1, "/d: No such file"),
         (&["a", "b", "a"], 1, "progressive pictures of 640×240 px; the rig wants fields of 720×288 px"),
         (&["a", "a", "c"], 1, "expected a colour space of 8 bits a sample"),
+        (&["a", "a", "a?gain=4"], 2, "expected no gain: pictures from a pipe or a file are as they are"),
     ] {
         let refused = vitreo(&words(&bench.run(&instance_name(), sources, &[]))).expect_code(code);
         assert!(refused.stderr.contains(named), "{sources:?}: {}", refused.stderr);

@@ -22,6 +22,7 @@ mod instruments;
 mod live_blobs;
 mod live_cameras;
 mod logging;
+mod looking;
 mod modules;
 mod outputs;
 mod packaging;
