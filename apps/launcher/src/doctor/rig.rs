@@ -52,7 +52,7 @@ fn checks_of(run: &RunArgs, display: bool) -> Vec<Check> {
 fn rig_file(run: &RunArgs) -> (Check, Option<Rig>) {
     const NAME: &str = "rig file";
     let Some(path) = &run.rig.rig else {
-        let mend = format!("rig = \"/etc/vitreo/rig.json\": {WHERE}; vitreo calibrate makes one");
+        let mend = format!("rig = \"/etc/vitreo/rig.json\": {WHERE}; vitreo commission makes one");
         return (Check::fail(NAME, "none is set", mend), None);
     };
     match Rig::load(path) {

@@ -136,9 +136,9 @@ impl Monitor {
 /// What `displayed` of a frame with these flags is.
 fn displayed_by(flags: u32) -> &'static str {
     if flags & DISPLAY_ESTIMATED != 0 {
-        "estimated: the first refresh after the picture was handed over"
+        "an estimate: the first refresh after the picture was handed over"
     } else {
-        "without a display: when the picture was complete"
+        "the instant at which the picture was complete (there is no display)"
     }
 }
 
