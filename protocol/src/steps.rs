@@ -41,17 +41,13 @@ impl StepInputs {
 /// What a step consumed, so that whoever repeats it from a recording knows whether the recording holds the
 /// same: two senders on one channel may reach two receivers in another order, and a queue may have been full
 /// for one of them. All 0 in recordings of builds that did not compute it.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Wire, Zeroable)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct InputsDigest {
     /// Hash of field, frame, exposure and bodies of the tracker frame, and of the handle and pedal states.
-    #[wire(tag = 1, hash)]
     pub hash: u64,
     /// Handle states consumed.
-    #[wire(tag = 2)]
     pub handles: u32,
     /// Pedal states consumed.
-    #[wire(tag = 3)]
     pub pedals: u32,
 }
 
@@ -253,9 +249,28 @@ pub struct StepRecord {
     /// recordings of builds that did not count them.
     #[wire(tag = 16, columns = "")]
     pub contacts: u64,
+    /// [`InputsDigest::hash`] of what it consumed.
+    #[wire(tag = 17, hash, columns = "")]
+    pub inputs_hash: u64,
+    /// Handle states consumed by this step.
+    #[wire(tag = 18, columns = "")]
+    pub handles_taken: u32,
+    /// Pedal states consumed by this step.
+    #[wire(tag = 19, columns = "")]
+    pub pedals_taken: u32,
+}
+
+impl StepRecord {
     /// What it consumed.
-    #[wire(tag = 17, columns = "")]
-    pub inputs: InputsDigest,
+    pub fn inputs(&self) -> InputsDigest {
+        InputsDigest { hash: self.inputs_hash, handles: self.handles_taken, pedals: self.pedals_taken }
+    }
+
+    /// The same record with this for what it consumed.
+    pub fn with_inputs(self, inputs: InputsDigest) -> Self {
+        let InputsDigest { hash, handles, pedals } = inputs;
+        StepRecord { inputs_hash: hash, handles_taken: handles, pedals_taken: pedals, ..self }
+    }
 }
 
 impl Message for StepRecord {

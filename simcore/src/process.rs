@@ -208,7 +208,9 @@ impl SimcoreShell {
             vitreous_removed_um3: removed.vitreous_um3,
             vitreous_left_um3: removed.vitreous_left_um3,
             contacts: world.contacts(),
-            inputs: report.inputs,
+            inputs_hash: report.inputs.hash,
+            handles_taken: report.inputs.handles,
+            pedals_taken: report.inputs.pedals,
         })?;
         self.send_events(world, frame)
     }

@@ -268,7 +268,8 @@ impl InputHistory {
     /// What a step consumed; `None` where that is not there, or something else in its place.
     fn find_inputs(&self, world: &World, step: &StepRecord) -> Option<Found> {
         let (state, stepped_ns) = (world.state(), step.instants.stepped);
-        let (known, digest) = (step.inputs.is_known(), step.inputs);
+        let digest = step.inputs();
+        let known = digest.is_known();
         let handles_end = end_of(&self.handles, [state.handles_below, step.handles_below], stepped_ns);
         let pedals_end = end_of(&self.pedals, [state.pedals_below, step.pedals_below], stepped_ns);
         let handles = newest(&self.handles, handles_end, known.then_some(digest.handles))?;

@@ -97,7 +97,7 @@ fn no_command(request: &mut Request) {
 /// Neither is a record of a step that says of what it was made and lies about what came of it: verification
 /// must call that a difference. This one was made of something that is not there.
 fn no_record(step: &mut StepRecord) {
-    step.inputs.hash |= 1;
+    step.inputs_hash |= 1;
 }
 
 /// Neither is a key or a button of the pedal: who may press those may pause the run, and then it does not

@@ -219,7 +219,7 @@ impl Steps {
         let comparable = self.done.other_state_hash_version.is_none();
         let differs = comparable && state_hash != recorded.state_hash;
         self.done.differs_at = self.done.differs_at.or(differs.then_some(recorded.step));
-        let step = StepRecord { state_hash, advanced_ns, inputs, ..recorded };
+        let step = StepRecord { state_hash, advanced_ns, ..recorded }.with_inputs(inputs);
         StepAgain { left_out: self.left_out(), world: &self.world, poses, made: None, recorded, step }
     }
 

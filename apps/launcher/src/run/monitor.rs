@@ -192,8 +192,8 @@ mod tests {
         let choices: Vec<_> = picture.tiers.iter().map(|c| (c.tier, c.reason)).collect();
         assert_eq!(choices, [(0, TierReason::Start.text()), (1, TierReason::Overload.text())]);
         assert!((picture.tiers[1].at_s - 0.3).abs() < 1e-9);
-        assert!(picture.displayed.starts_with("without a display"));
+        assert!(picture.displayed.starts_with("the instant at which"));
         monitor.note(&Item::Frame(FrameRecord { flags: DISPLAY_ESTIMATED, ..FrameRecord::zeroed() }));
-        assert!(monitor.picture("x".into()).unwrap().displayed.starts_with("estimated"));
+        assert!(monitor.picture("x".into()).unwrap().displayed.starts_with("an estimate"));
     }
 }

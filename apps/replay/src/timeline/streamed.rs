@@ -69,6 +69,5 @@ fn record_of(frame: &TrackerFrame, world: &World, report: &StepReport, stepped_n
     record.instants = Instants { stepped: stepped_ns, ..frame.instants };
     (record.handles_below, record.pedals_below) = (state.handles_below, state.pedals_below);
     (record.advanced_ns, record.state_hash) = (report.advanced_ns, report.state_hash);
-    record.inputs = report.inputs;
-    record
+    record.with_inputs(report.inputs)
 }

@@ -257,9 +257,9 @@ fn step(
         pedals_below: state.pedals_below,
         advanced_ns: report.advanced_ns,
         state_hash: report.state_hash,
-        inputs: report.inputs,
         ..bytemuck::Zeroable::zeroed()
-    };
+    }
+    .with_inputs(report.inputs);
     writer.write(at, &Item::Step(record))?;
     world.events().iter().try_for_each(|event| Ok(writer.write(at, &Item::Event(*event))?))
 }

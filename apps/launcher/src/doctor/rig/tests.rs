@@ -71,5 +71,5 @@ fn what_is_missing_is_named() {
     fs::write(folder.path().join("rig.json"), "{").unwrap();
     assert_eq!(of(&said(&settings, true), "rig file")[0].state, State::Fail);
     assert_eq!(of(&said(&format!("{settings}window = true\n"), false), "picture")[0].state, State::Fail);
-    assert_eq!(said("[run]\nrig = 3\n", true)[0].name, "settings");
+    assert_eq!(said("[run]\nduration = \"long\"\n", true)[0].name, "settings");
 }
