@@ -59,28 +59,31 @@ impl Watch {
         )
     }
 
+    /// What the pictures ask for, and what their rate does.
     fn advice(&self, [hz, field_hz]: [f64; 2], seconds: f64, saturated: f64, blobs: f64) -> String {
         if self.fields == 0 {
             return "nothing came".into();
         }
-        if seconds >= RATE_S && (hz / field_hz - 1.0).abs() > SAME_RATE.max(1.5 / field_hz) {
-            return format!(
-                "the rig says {field_hz:.1} fields/s: set the camera's rate, or field_hz of the rig"
-            );
-        }
+        let strange = seconds >= RATE_S && (hz / field_hz - 1.0).abs() > SAME_RATE.max(1.5 / field_hz);
+        let rate = strange.then(|| {
+            format!("the rig says {field_hz:.1} fields/s: set the camera's rate, or field_hz of the rig")
+        });
+        let picture = self.picture_advice(saturated, blobs).map(str::to_owned);
+        let all: Vec<String> = [picture, rate].into_iter().flatten().collect();
+        if all.is_empty() { "all right".into() } else { all.join("; ") }
+    }
+
+    fn picture_advice(&self, saturated: f64, blobs: f64) -> Option<&'static str> {
         if self.brightest < BLACK + TOO_DARK {
-            return "too dark: raise exposure or gain, or the light".into();
+            return Some("too dark: raise exposure or gain, or the light");
         }
         if saturated > TOO_BRIGHT {
-            return "too bright: lower exposure or gain".into();
+            return Some("too bright: lower exposure or gain");
         }
         if blobs < 0.5 {
-            return NO_BLOBS.into();
+            return Some(NO_BLOBS);
         }
-        if blobs > MANY_BLOBS {
-            return "many blobs: keep reflections and other coloured light away".into();
-        }
-        "all right".into()
+        (blobs > MANY_BLOBS).then_some("many blobs: keep reflections and other coloured light away")
     }
 }
 
