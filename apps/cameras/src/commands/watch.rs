@@ -29,6 +29,8 @@ pub struct Watch {
     saturated: u64,
     samples: u64,
     brightest: u8,
+    /// Pictures came before the last line, too. The rate is judged from then on: the first ones had waited.
+    is_steady: bool,
 }
 
 impl Watch {
@@ -45,7 +47,8 @@ impl Watch {
     /// What is said of the time since the last line, for a rig of `field_hz`; `lost` counts what did not come,
     /// `trouble` is what the reading says is wrong. Begins anew.
     pub fn line(&mut self, field_hz: f64, lost: u64, trouble: Option<&str>) -> String {
-        let seen = std::mem::take(self);
+        let is_steady = self.is_steady || self.fields > 0;
+        let seen = std::mem::replace(self, Watch { is_steady, ..Watch::default() });
         let seconds = seen.span.map_or(0.0, |[first, last]| last.saturating_sub(first) as f64 * 1e-9);
         let hz = if seconds > 0.0 { (seen.fields - 1) as f64 / seconds } else { 0.0 };
         let share = seen.saturated as f64 / (seen.samples as f64).max(1.0);
@@ -64,7 +67,8 @@ impl Watch {
         if self.fields == 0 {
             return "nothing came".into();
         }
-        let strange = seconds >= RATE_S && (hz / field_hz - 1.0).abs() > SAME_RATE.max(1.5 / field_hz);
+        let is_judged = self.is_steady && seconds >= RATE_S;
+        let strange = is_judged && (hz / field_hz - 1.0).abs() > SAME_RATE.max(1.5 / field_hz);
         let rate = strange.then(|| {
             format!("the rig says {field_hz:.1} fields/s: set the camera's rate, or field_hz of the rig")
         });
@@ -94,6 +98,9 @@ mod tests {
     /// A second of 50 fields whose samples are `luma`, with so many blobs each.
     fn line(luma: &[u8], fields: usize, blobs: usize) -> String {
         let mut watch = Watch::default();
+        watch.note(luma, blobs, 3);
+        let first = watch.line(50.0, 0, None);
+        assert!(!first.contains("the rig says"), "{first}");
         let at = |k: usize| 7 + k as u64 * 1_000_000_000 / fields as u64;
         (0..fields).for_each(|k| watch.note(luma, blobs, at(k)));
         watch.line(50.0, 0, None)
@@ -129,5 +136,9 @@ mod tests {
                 .ends_with("7 lost, 1.0 blobs, 0.00 % saturated, brightest 200: is unplugged")
         );
         assert!(watch.line(50.0, 7, None).ends_with("nothing came"));
+        // Pictures that had waited for the others come all at once.
+        let mut burst = Watch::default();
+        (0..60).for_each(|k| burst.note(&[200], 1, 7 + k * 10_000_000));
+        assert!(burst.line(50.0, 0, None).ends_with("all right"));
     }
 }

@@ -167,7 +167,7 @@ fn figure(report: &Report) -> Histogram {
     Histogram {
         title: "From the last blobs to the poses read, beside the machine's wake-ups".into(),
         across: "ms".into(),
-        up: "of a bin".into(),
+        up: "count per bin".into(),
         series: vec![
             ("poses read".into(), bins(&report.latency_histogram)),
             ("wake-up floor".into(), bins(&report.floor_histogram)),
