@@ -5,7 +5,7 @@ use crate::time::{Instants, Nanos};
 use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
-/// `displayed` is an estimate, because there is no feedback from the display.
+/// `displayed` is an estimate, because the display server did not say when it showed the picture.
 pub const DISPLAY_ESTIMATED: u32 = 1;
 /// The quality governor changed the tier with this frame.
 pub const TIER_CHANGED: u32 = 2;
@@ -18,6 +18,8 @@ pub const BELOW_FLOOR: u32 = 8;
 pub const DEVICE_CLOCK: u32 = 16;
 /// No new scene had come for a while, and the picture said so.
 pub const PICTURE_HELD: u32 = 32;
+/// `displayed` is the display server's word: when the picture began to be shown.
+pub const DISPLAY_REPORTED: u32 = 64;
 /// The flags carry a [`TierReason`] from this bit on, four bits wide.
 const REASON_SHIFT: u32 = 8;
 
@@ -90,7 +92,8 @@ pub struct FrameRecord {
     /// The GPU had finished.
     #[wire(tag = 7)]
     pub drawn: Nanos,
-    /// First refresh after `drawn`; headless: picture complete.
+    /// When the display showed it, by its own word (`DISPLAY_REPORTED`) or estimated (`DISPLAY_ESTIMATED`); headless:
+    /// picture complete.
     #[wire(tag = 8)]
     pub displayed: Nanos,
     /// Instant to which the poses were predicted.
@@ -109,7 +112,7 @@ pub struct FrameRecord {
     #[wire(tag = 13)]
     pub height_px: u32,
     /// Bits `DISPLAY_ESTIMATED`, `TIER_CHANGED`, `TRACKING_LOST_SHOWN`, `BELOW_FLOOR`,
-    /// `DEVICE_CLOCK`, `PICTURE_HELD`, and a [`TierReason`].
+    /// `DEVICE_CLOCK`, `PICTURE_HELD`, `DISPLAY_REPORTED`, and a [`TierReason`].
     #[wire(tag = 14)]
     pub flags: u32,
     /// Host's time of the calls that upload the tissue's vertices and triangles for this frame, ns;

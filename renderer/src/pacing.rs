@@ -10,6 +10,9 @@ const SPREADS: f64 = 3.0;
 /// Time by which it begins earlier still, ns: a wake-up on a quiet machine.
 const WAKE_NS: f64 = 500_000.0;
 
+/// Most refreshes by which a display is believed to show pictures later (or earlier) than estimated.
+const MOST_KEPT: f64 = 4.0;
+
 /// Estimator of the time from latch to display, and of the latest begin of a frame.
 #[derive(Debug, Clone, Copy)]
 pub struct Pacing {
@@ -19,20 +22,40 @@ pub struct Pacing {
     spread_ns: f64,
     /// Period of the display; `None` without one.
     refresh_ns: Option<u64>,
+    /// By how much later than at the first refresh after it is drawn a picture is shown: a compositor may keep it for
+    /// a refresh.
+    kept_ns: f64,
 }
 
 impl Pacing {
     /// For a display with a refresh period, or none; begins with a guess of half the budget.
     pub fn new(refresh_ns: Option<u64>, budget_ns: u64) -> Self {
         let guess = budget_ns as f64 * 0.5;
-        Self { latch_to_seen_ns: guess, start_to_seen_ns: guess, spread_ns: 0.1 * guess, refresh_ns }
+        Self {
+            latch_to_seen_ns: guess,
+            start_to_seen_ns: guess,
+            spread_ns: 0.1 * guess,
+            refresh_ns,
+            kept_ns: 0.0,
+        }
     }
 
     /// Estimated display of a picture latched at `latched`; `refreshed` is an instant at which the
     /// display was refreshed.
     pub fn expected(&self, latched: Nanos, refreshed: Nanos) -> Nanos {
         let drawn = latched + self.latch_to_seen_ns as u64;
-        self.next_refresh(drawn, refreshed)
+        self.shown_after(self.next_refresh(drawn, refreshed))
+    }
+
+    /// When a picture is shown that is ready for the refresh at `refresh`.
+    pub fn shown_after(&self, refresh: Nanos) -> Nanos {
+        refresh.saturating_add_signed(self.kept_ns as i64)
+    }
+
+    /// Learns from the display's word: a picture was shown by so much later than estimated, ns.
+    pub fn note_shown(&mut self, later_ns: i64) {
+        let most = self.refresh_ns.map_or(0.0, |period| MOST_KEPT * period as f64);
+        self.kept_ns = (self.kept_ns + GAIN * later_ns as f64).clamp(-most, most);
     }
 
     /// First refresh after `drawn`; without a display `drawn` itself.

@@ -1,11 +1,13 @@
 //! Where finished pictures go: nowhere (headless), or into a window; and a window for pictures of other programs.
 
 pub mod blit;
+pub mod feedback;
 pub mod picture;
 pub mod window;
 
 use crate::gpu::{Gpu, GpuError};
 use crate::target::Target;
+use feedback::Answer;
 use protocol::inputs::Input;
 use protocol::time::Nanos;
 use window::{Window, WindowConfig};
@@ -38,6 +40,17 @@ pub enum Ready {
     NotNow,
     /// The person closed it.
     Closed,
+}
+
+/// What became of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Handed {
+    /// There is no display.
+    Nowhere,
+    /// The display has it.
+    Over,
+    /// The same, and it will say when it shows it.
+    Asked,
 }
 
 impl Present {
@@ -89,11 +102,23 @@ impl Present {
         }
     }
 
-    /// Lets the display have it, if there is one.
-    pub fn show(&mut self, gpu: &Gpu, target: &Target, text: &str) -> bool {
+    /// Lets the display have it, if there is one, as the picture of `frame`.
+    pub fn show(&mut self, gpu: &Gpu, target: &Target, text: &str, frame: u64) -> Handed {
+        let Some(window) = &mut self.0 else { return Handed::Nowhere };
+        if window.show(gpu, target, text, frame) { Handed::Asked } else { Handed::Over }
+    }
+
+    /// Hands on what the display has said of pictures since the last call.
+    pub fn take_answers(&mut self, answer: impl FnMut(Answer)) {
         if let Some(window) = &mut self.0 {
-            window.show(gpu, target, text);
+            window.take_answers(answer);
         }
-        !self.is_headless()
+    }
+
+    /// No answer of the display is of use any more.
+    pub fn stop_asking(&mut self) {
+        if let Some(window) = &mut self.0 {
+            window.stop_asking();
+        }
     }
 }

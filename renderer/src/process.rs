@@ -5,6 +5,7 @@ mod drawing;
 mod held;
 mod pictures;
 mod standby;
+mod unanswered;
 mod user;
 
 use crate::assets::Assets;
@@ -18,7 +19,7 @@ use crate::gpu_clock::GpuClock;
 use crate::latch::{Latched, latch, latch_scene};
 use crate::output::{Output, OutputConfig};
 use crate::pacing::{Pacing, Ticks};
-use crate::present::{Present, Ready};
+use crate::present::{Handed, Present, Ready};
 use crate::readback::ReadBack;
 use crate::start::{self, Hurry};
 use crate::stereo::Arrangement;
@@ -46,6 +47,7 @@ use protocol::time::Nanos;
 use rustix::process::setpriority_process;
 use scene::{DEFAULT_SCENE, SceneFile};
 use standby::Order;
+use unanswered::Unanswered;
 use user::{Keys, User};
 
 /// Runs until a request, a signal or the user stops it.
@@ -93,6 +95,8 @@ struct RendererShell {
     /// Header of the present scene.
     scene: Option<SceneHeader>,
     held: Held,
+    /// Frames that the display has not spoken of.
+    unanswered: Unanswered,
     pose: Option<TrackerFrame>,
     frame: u64,
     /// Refreshes of the display that showed nothing new.
@@ -206,6 +210,7 @@ impl RendererShell {
             output,
             scene: None,
             held: Held::default(),
+            unanswered: Unanswered::default(),
             pose: None,
             frame: 0,
             missed: 0,
@@ -316,19 +321,22 @@ impl RendererShell {
         let Drawn { done, drawn, transfer_ns, stamped } = self.draw(tier, &latched, commands, latched_at)?;
         self.last_drawn = done;
         // Presenting takes time where the processor copies the picture to the display.
-        let presented = self.present.show(&self.gpu, self.renderer.target(tier), self.renderer.text());
+        let text = self.renderer.text();
+        let handed = self.present.show(&self.gpu, self.renderer.target(tier), text, self.frame);
         self.shell.trace.end(Phase::Present, about, done);
-        let shown = if presented { now() } else { drawn };
+        let shown = if handed == Handed::Nowhere { drawn } else { now() };
         self.pacing.record_frame(frame_start, latched_at, shown);
-        let displayed = self.pacing.next_refresh(shown, refreshed);
-        self.missed += self.pacing.missed(refreshed, displayed);
+        let refresh = self.pacing.next_refresh(shown, refreshed);
+        self.missed += self.pacing.missed(refreshed, refresh);
+        let displayed = self.pacing.shown_after(refresh);
         self.end_status(displayed);
         let mut record = self.record(&latched, tier, stamped);
         (record.frame_start, record.latched) = (frame_start, latched_at);
         (record.drawn, record.displayed) = (drawn, displayed);
         record.transfer_ns = transfer_ns;
         let send_from = self.shell.trace.begin();
-        self.frames.send(&record)?;
+        self.unanswered.push(record, handed == Handed::Asked, done);
+        self.send_frames(done)?;
         let write_from = self.shell.trace.end(Phase::SendFrame, about, send_from);
         self.frame += 1;
         if self.governor.record_frame(done - frame_start) {
@@ -337,6 +345,23 @@ impl RendererShell {
         self.output_frame(tier, &record)?;
         self.shell.trace.end(Phase::WriteFiles, about, write_from);
         self.shell.trace.end(Phase::Picture, of_scene, begun);
+        Ok(())
+    }
+
+    /// Takes what the display has said of frames, and sends the records that wait for nothing any more.
+    fn send_frames(&mut self, at: Nanos) -> Result<()> {
+        let (unanswered, pacing) = (&mut self.unanswered, &mut self.pacing);
+        self.present.take_answers(|answer| {
+            if let Some(later_ns) = unanswered.answer(answer) {
+                pacing.note_shown(later_ns);
+            }
+        });
+        while let Some(record) = unanswered.next(at) {
+            self.frames.send(&record)?;
+        }
+        if !unanswered.expects() {
+            self.present.stop_asking();
+        }
         Ok(())
     }
 
@@ -428,6 +453,7 @@ impl Work<anyhow::Error> for RendererShell {
             self.draw_when_ready(woken, waited)?;
         }
         self.publish_pictures()?;
+        self.send_frames(now())?;
         let report = &mut self.shell.report;
         report.received = self.scenes.counts().received + self.poses.counts().received;
         report.sent = self.frames.sent();

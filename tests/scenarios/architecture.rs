@@ -156,10 +156,11 @@ const WRITERS: [&str; 5] = [
 const FILE_CAP: usize = 500;
 /// Where `unsafe` may be used: the transport, the stream of buffers of a camera's driver, what C calls, the vectors of the springs' kernel, and the allocator
 /// with which a check counts allocations.
-const UNSAFE_ALLOWED: [&str; 6] = [
+const UNSAFE_ALLOWED: [&str; 7] = [
     "protocol/ipc/",
     "apps/cameras/src/device/ioctl.rs",
     "drivers/c/src/ffi",
+    "renderer/src/present/feedback/wayland.rs",
     "simcore/tissue/src/sheet/simd",
     "tracker/tests/any_pose.rs",
     "proofs/fuzz/src/coverage.rs",

@@ -1,6 +1,7 @@
 //! A window that shows both channels, arranged for its display and synchronised to it.
 
 use super::blit::{Blit, Shown};
+use super::feedback::{Answer, Feedback};
 use super::{PresentError, Ready};
 use crate::gpu::Gpu;
 use crate::stereo::Arrangement;
@@ -29,6 +30,8 @@ const ALONE: [u32; 2] = [960, 768];
 /// The same where the processor draws: every pixel of the window costs it time.
 const SOFTWARE_PAIRED: [u32; 2] = [400, 320];
 const SOFTWARE_ALONE: [u32; 2] = [800, 640];
+/// Number of no frame: of the other channel's picture.
+const NO_FRAME: u64 = u64::MAX;
 /// Refresh period assumed where the display does not report one, ns.
 const USUAL_REFRESH_NS: u64 = 16_666_667;
 
@@ -50,6 +53,8 @@ pub struct WindowConfig {
 
 /// A window with its surface.
 pub struct Window {
+    /// It uses the window's connection, so it goes first.
+    feedback: Feedback,
     events: EventLoop<()>,
     state: State,
     surface: Surface<'static>,
@@ -318,7 +323,11 @@ impl Window {
         surface.configure(&gpu.device, &surface_config);
         let blit = Blit::new(&gpu.device, surface_config.format);
         let (config, acquired) = (config.clone(), None);
-        Ok((gpu, Self { events, state, surface, surface_config, blit, config, acquired, refresh_ns }))
+        let feedback = Feedback::open(&window);
+        Ok((
+            gpu,
+            Self { feedback, events, state, surface, surface_config, blit, config, acquired, refresh_ns },
+        ))
     }
 
     /// Period of the display, ns.
@@ -369,6 +378,7 @@ impl Window {
         if let Some(size) = self.state.window.as_ref().map(|w| w.inner_size()) {
             (self.surface_config.width, self.surface_config.height) = (size.width.max(1), size.height.max(1));
             self.surface.configure(&gpu.device, &self.surface_config);
+            self.feedback.forget();
         }
     }
 
@@ -388,18 +398,33 @@ impl Window {
     }
 
     /// Queues the picture for the next refresh; where channels alternate, the right one for the
-    /// refresh after that.
-    pub fn show(&mut self, gpu: &Gpu, target: &Target, text: &str) {
+    /// refresh after that. True if the display will say when it showed the picture of `frame`.
+    pub fn show(&mut self, gpu: &Gpu, target: &Target, text: &str, frame: u64) -> bool {
+        let mut asked = false;
         if let Some(acquired) = self.acquired.take() {
+            asked = self.feedback.ask(frame);
             gpu.queue.present(acquired);
         }
         if self.config.arrangement == Arrangement::Sequential {
             self.acquire(gpu);
             self.copy_channel(gpu, target, text, 1);
             if let Some(acquired) = self.acquired.take() {
+                // Answers that do not name their picture are counted.
+                self.feedback.ask(NO_FRAME);
                 gpu.queue.present(acquired);
             }
         }
+        asked
+    }
+
+    /// Hands on what the display has said of pictures since the last call.
+    pub fn take_answers(&mut self, answer: impl FnMut(Answer)) {
+        self.feedback.take_answers(answer);
+    }
+
+    /// No answer is of use any more.
+    pub fn stop_asking(&mut self) {
+        self.feedback = Feedback::None;
     }
 }
 

@@ -8,6 +8,7 @@ use anyhow::Result;
 use protocol::frames::{FrameRecord, PictureHeader};
 use protocol::health::STATE_DEGRADED;
 use protocol::limits::MAX_PICTURE_BYTES;
+use protocol::time::Nanos;
 
 impl RendererShell {
     /// Hands the picture to the outputs that are due for one.
@@ -76,8 +77,9 @@ impl RendererShell {
         Ok(())
     }
 
-    /// Saves the last picture and closes the files.
+    /// Sends what is left of records, saves the last picture and closes the files.
     pub(super) fn finish(mut self) -> Result<()> {
+        self.send_frames(Nanos::MAX)?;
         if let (true, Some(tier)) = (self.keeps_last, self.shown_tier) {
             self.output.wait_for_slot();
             let frame = self.frame.saturating_sub(1);

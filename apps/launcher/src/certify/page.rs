@@ -47,7 +47,7 @@ fn setup(report: &Report) -> Section {
         ("program", format!("vitreo {}", setup.version)),
         ("machine", format!("{}, {} processors, {} MiB", machine.cpu, machine.cpus, machine.memory_mib)),
         ("system", format!("{}, {}", machine.kernel, machine.architecture)),
-        ("began", format!("{} s since 1970 (UTC)", setup.began)),
+        ("began", setup.began.clone()),
         ("rig", format!("{}: {} cameras, {} Hz", setup.rig, setup.cameras, setup.field_hz)),
         ("seen", format!("{} markers in every field, {} px of noise", setup.markers, setup.noise_px)),
         ("scheduling", setup.scheduling.clone()),

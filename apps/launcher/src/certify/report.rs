@@ -117,8 +117,8 @@ pub struct AtSpeed {
 /// What was measured on.
 #[derive(Debug, Clone, Serialize)]
 pub struct Setup {
-    /// When, seconds since 1970.
-    pub began: u64,
+    /// When: date and time (UTC, RFC 3339).
+    pub began: String,
     /// Of this program.
     pub version: &'static str,
     /// The machine.
@@ -144,9 +144,8 @@ pub struct Setup {
 impl Setup {
     /// Of a rig on this machine.
     pub fn of(rig: (String, f64), triples: &Triples, scheduling: &str, load: &str) -> Self {
-        let began = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
         Setup {
-            began: began.map_or(0, |since| since.as_secs()),
+            began: humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string(),
             version: env!("CARGO_PKG_VERSION"),
             machine: Machine::detect(),
             rig: rig.0,

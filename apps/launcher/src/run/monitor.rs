@@ -2,7 +2,7 @@
 
 use super::report::{Picture, Removed, TierChoice};
 use protocol::events::{Event, Severity};
-use protocol::frames::{DISPLAY_ESTIMATED, FrameRecord, TierReason};
+use protocol::frames::{DISPLAY_ESTIMATED, DISPLAY_REPORTED, FrameRecord, TierReason};
 use protocol::poses::{BODY_NAMES, BodyStatus, TrackerFrame};
 use protocol::time::Nanos;
 use recording::Item;
@@ -135,7 +135,9 @@ impl Monitor {
 
 /// What `displayed` of a frame with these flags is.
 fn displayed_by(flags: u32) -> &'static str {
-    if flags & DISPLAY_ESTIMATED != 0 {
+    if flags & DISPLAY_REPORTED != 0 {
+        "the display server's word: when the picture began to be shown"
+    } else if flags & DISPLAY_ESTIMATED != 0 {
         "an estimate: the first refresh after the picture was handed over"
     } else {
         "the instant at which the picture was complete (there is no display)"
