@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo demo-repeat test latency soak hour hour-live seek endure defects test-python test-drivers test-viewers fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
+.PHONY: help setup setup-python demo demo-repeat test latency soak hour hour-live seek endure defects test-python test-genicam test-drivers test-viewers fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
 	version tag release-programs stage deb test-deb sbom reproducible deny clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -141,6 +141,15 @@ test-python: setup setup-python ## Read a fresh recording with Python's mcap, an
 	.venv/bin/python tests/python/read_recording.py out/python.mcap
 	.venv/bin/python tests/python/igtl_client.py $(RELEASE) out/igtl.mcap
 	.venv/bin/python tests/python/lsl_client.py $(abspath $(TARGET))/release out/lsl.mcap
+
+test-genicam: setup ## Run three GenICam cameras of aravis' making, with and without loss of packets, and with one that goes away (SECONDS_EACH=60)
+	@missing=""; command -v arv-fake-gv-camera-0.8 >/dev/null || missing="$$missing aravis-tools"; \
+	command -v ip >/dev/null || missing="$$missing iproute2"; \
+	pkg-config --exists aravis-0.8 2>/dev/null || missing="$$missing libaravis-dev libusb-1.0-0-dev"; \
+	if [ -n "$$missing" ]; then $(AS_ROOT) apt-get update -qq; $(AS_ROOT) env $(INSTALL) $$missing; fi
+	cargo test --release -p cameras --features genicam --lib
+	cargo build --release --workspace --bins --features cameras/genicam
+	SECONDS_EACH="$(SECONDS_EACH)" VITREO=$(TARGET)/release packaging/tools/test-genicam
 
 test-drivers: setup setup-python ## Kill a driver a hundred times during a run, and install and use the Python package (KILLS=1000)
 	cargo build --release --workspace

@@ -4,6 +4,7 @@
 //! Blobs leave when the last one is complete, not before the region has passed; that instant is
 //! counted in pixel clocks from the first line.
 
+use crate::colours::file::ColourFile;
 use crate::pixels;
 use crate::scan::limits::{CAMERA, DIVIDER_CLOCKS, LINE_CLOCKS};
 use crate::scan::{Found, Scanner, Settings};
@@ -28,15 +29,28 @@ pub struct CameraExtractor {
 }
 
 impl CameraExtractor {
-    /// The extractor for `camera` of `rig`.
+    /// The extractor for `camera` of `rig`, for the shipped colours.
     ///
     /// # Errors
     /// Where a side of the sensor is out of range.
     pub fn new(rig: &Rig, camera: &Camera) -> Result<Self, SensorError> {
+        Self::with(rig, camera, |_| {})
+    }
+
+    /// The extractor for `camera` of `rig`, for these colours.
+    ///
+    /// # Errors
+    /// As [`CameraExtractor::new`].
+    pub fn finding(rig: &Rig, camera: &Camera, colours: &ColourFile) -> Result<Self, SensorError> {
+        Self::with(rig, camera, |settings| colours.apply(settings))
+    }
+
+    fn with(rig: &Rig, camera: &Camera, change: impl Fn(&mut Settings)) -> Result<Self, SensorError> {
         let sensor = rig.sensor(camera.id);
         let [width, height] = sensor.field_size()?;
         let frame_lines = sensor.lines_per_row() as u8;
-        let settings = Settings { frame_lines, ..Settings::for_sensor(width, height) };
+        let mut settings = Settings { frame_lines, ..Settings::for_sensor(width, height) };
+        change(&mut settings);
         let scanner = Scanner::new(settings, width, height);
         let lines = region::lines(rig, camera);
         Ok(CameraExtractor { sensor, size_px: [width, height], lines, scanner, planes: None })

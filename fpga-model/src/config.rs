@@ -2,7 +2,7 @@
 
 use crate::commands::Command;
 use ipc::shell::ShellArgs;
-use settings::commands::processes::RigArgs;
+use settings::commands::processes::{ExtractionArgs, RigArgs};
 use settings::{Program, SettingsArgs};
 
 /// What vitreo.toml says to the sub-commands; a process of a run reads no file.
@@ -25,4 +25,7 @@ pub struct Config {
     /// The rig.
     #[command(flatten)]
     pub rig: RigArgs,
+    /// What it finds.
+    #[command(flatten)]
+    pub extraction: ExtractionArgs,
 }

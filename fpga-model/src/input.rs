@@ -1,6 +1,6 @@
 //! Pictures for the scanner: lines of YCbCr 4:2:2 in the studio range.
 //!
-//! A picture comes from a still image ([`still`]), a clip ([`y4m`]) or a camera ([`camera`]);
+//! A picture comes from a still image ([`still`]), a clip ([`y4m`]), a recording of pixels ([`recorded`]) or a camera ([`camera`]);
 //! [`source`] orders pictures and assigns numbers and instants. One picture at a time is held,
 //! never a clip. Memory grows with the bytes read, not with the size in a header, up to one picture
 //! of [`MAX_PIXELS`].
@@ -8,6 +8,7 @@
 pub mod camera;
 pub mod overlay;
 pub mod packed;
+pub mod recorded;
 pub mod source;
 pub mod still;
 pub mod y4m;

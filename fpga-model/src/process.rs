@@ -6,6 +6,7 @@
 //! difference here.
 
 use crate::camera_extractor::CameraExtractor;
+use crate::colours::file::ColourFile;
 use crate::config::Config;
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
@@ -29,7 +30,9 @@ use rig::Rig;
 /// Where the rig cannot be read or simulated, or a channel fails.
 pub fn run(config: &Config) -> Result<()> {
     let rig = Rig::load_or_shipped(config.rig.rig.as_deref()).context("--rig")?;
-    let extractors = rig.cameras().iter().map(|c| CameraExtractor::new(&rig, c)).collect::<Result<_, _>>()?;
+    let colours = ColourFile::load_or_shipped(config.extraction.colours.as_deref()).context("--colours")?;
+    let extractor = |camera| CameraExtractor::finding(&rig, camera, &colours);
+    let extractors = rig.cameras().iter().map(extractor).collect::<Result<_, _>>()?;
     ipc::shell::run(&mut FpgaModelShell::open(config, extractors, rig.field_period_ns())?)
 }
 

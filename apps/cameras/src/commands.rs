@@ -5,12 +5,13 @@
 pub mod clips;
 pub mod list;
 pub mod look;
+pub mod pixels;
 pub mod watch;
 
 use anyhow::Result;
 use outputs::Force;
 use settings::commands::cameras::Cameras;
-use settings::commands::processes::RigArgs;
+use settings::commands::processes::{ExtractionArgs, RigArgs};
 use std::path::PathBuf;
 
 /// The sub-commands.
@@ -27,7 +28,7 @@ pub enum Command {
     for each says how it stands and what to do, until Ctrl-C (docs/cameras.md)."
 )]
 pub struct CamerasArgs {
-    /// The cameras: v4l2:/dev/videoN, y4m:PATH, several separated by commas, or virtual; the first stands
+    /// The cameras: v4l2:/dev/videoN, genicam:NAME, y4m:PATH, mcap:FILE, several separated by commas, or virtual; the first stands
     /// for the first of the rig, and so on.
     #[arg(value_name = "SPEC,...", conflicts_with = "list")]
     pub cameras: Option<Cameras>,
@@ -37,11 +38,15 @@ pub struct CamerasArgs {
     /// The rig.
     #[command(flatten)]
     pub rig: RigArgs,
+    /// What counts as a blob.
+    #[command(flatten)]
+    pub extraction: ExtractionArgs,
     /// Write a picture of each camera into a folder, camera-0.png and so on, and end.
     #[arg(long, value_name = "DIR", requires = "cameras")]
     pub snapshot: Option<PathBuf>,
-    /// Keep all fields in a folder, camera-0.y4m and so on: clips for vitreo blobs and --cameras y4m:.
-    #[arg(long, value_name = "DIR", requires = "cameras")]
+    /// Keep all fields: in FILE.mcap, packed without loss and with their stamps, for vitreo blobs and --cameras mcap:, or
+    /// in a folder, camera-0.y4m and so on, clips for vitreo blobs and --cameras y4m:.
+    #[arg(long, value_name = "FILE.mcap|DIR", requires = "cameras")]
     pub record_fields: Option<PathBuf>,
     /// End after S seconds.
     #[arg(long, value_name = "S", value_parser = crate::config::seconds, requires = "cameras")]

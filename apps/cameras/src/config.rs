@@ -30,10 +30,10 @@ pub struct Config {
     /// The scene, whose tools are in the hands where no handles are connected.
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// The source of each camera of the rig, in its order: v4l2:/dev/videoN, a camera of this machine,
-    /// with ?exposure_us=2000&gain=4&trigger=external to set it, or y4m:PATH, a pipe or a file, with
-    /// ?parity=1 where its first field has the odd lines.
-    #[arg(long, value_name = "v4l2:DEVICE|y4m:PATH,...", required = true)]
+    /// The source of each camera of the rig, in its order: v4l2:/dev/videoN, a camera of this machine, or
+    /// genicam:NAME, one by GigE Vision or USB3 Vision, with ?exposure_us=2000&gain=4&trigger=external to
+    /// set it, or y4m:PATH, a pipe or a file, with ?parity=1 where its first field has the odd lines.
+    #[arg(long, value_name = "v4l2:DEVICE|genicam:NAME|y4m:PATH,...", required = true)]
     pub cameras: Option<Streams>,
     /// Leave these channels to another program of the run.
     #[arg(long, value_name = "handles,pedal", hide = true)]

@@ -1,6 +1,9 @@
-//! A camera of this machine as far as its reader must know it: buffers with their stamps. [`v4l2`] is the real
-//! one; tests play recorded buffers.
+//! A camera as far as its reader must know it: buffers with their stamps. [`v4l2`] is one of this machine, `genicam`
+//! (a feature of the build) one by GigE Vision or USB3 Vision; tests play recorded buffers.
 
+pub mod frames;
+#[cfg(feature = "genicam")]
+pub mod genicam;
 mod ioctl;
 pub mod settings;
 pub mod v4l2;
@@ -64,6 +67,8 @@ pub enum StampClock {
     Monotonic,
     /// It does not say.
     Unknown,
+    /// The camera's own: it began at some time, and runs a little faster or slower.
+    Own,
     /// Of whoever fed the device; it means nothing here.
     Copied,
 }
@@ -90,8 +95,8 @@ pub struct Buffer<'a> {
     pub sequence: u32,
     /// The kernel's number of its field order.
     pub field: u32,
-    /// The driver says that its samples are damaged.
-    pub is_damaged: bool,
+    /// What the driver says is wrong with its samples, where something is; in words that follow "a picture that".
+    pub damage: Option<&'static str>,
 }
 
 /// A camera that delivers.
@@ -200,7 +205,7 @@ impl Role {
         let height = if is_field { lines / 2 } else { lines };
         ensure!(
             found == [width, height],
-            "brings {} of {}×{} px; the rig wants frames of {width}×{lines} px: `v4l2-ctl --set-fmt-video` sets them",
+            "brings {} of {}×{} px; the rig wants frames of {width}×{lines} px",
             order.name(),
             found[0],
             found[1]

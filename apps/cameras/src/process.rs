@@ -3,8 +3,10 @@
 mod controls;
 pub(crate) mod feed;
 mod figures;
+mod line;
 mod live;
 mod reader;
+mod recorded;
 
 use crate::config::Config;
 use crate::timing::{Clock, patience_ns};
@@ -41,7 +43,8 @@ pub fn run(config: &Config) -> Result<()> {
     let rig = Rig::load_or_shipped(config.rig.rig.as_deref()).context("--rig")?;
     let streams =
         config.cameras.as_ref().context("--cameras: expected a source for each camera of the rig")?;
-    let (cameras, sources) = (rig.cameras(), &streams.0);
+    let cameras = rig.cameras();
+    let sources = streams.spread(cameras.len());
     ensure!(
         cameras.len() == sources.len(),
         "--cameras: expected {} sources, one for each camera of the rig, found {}",
@@ -51,7 +54,7 @@ pub fn run(config: &Config) -> Result<()> {
     let (instance, shell) = Shell::start(Process::VirtualRig, &config.shell).context("cannot start")?;
     let (bell, stop) = (Bell::new().context("a bell")?, Arc::<AtomicBool>::default());
     let feed = |(camera, source)| Feed::start(&rig, camera, source, bell.rope(), &stop, now());
-    let feeds = cameras.iter().zip(sources).map(feed).collect::<Result<_>>()?;
+    let feeds = cameras.iter().zip(&sources).map(feed).collect::<Result<_>>()?;
     let mut live = LiveCameras::open(config, &rig, (instance, shell), feeds, bell)?;
     live.duration_ns = config.duration.map(|s| (s * 1e9) as u64);
     let ended = ipc::shell::run(&mut live);

@@ -1,11 +1,15 @@
 //! When the pictures of a camera were read out, from its driver's stamps. Pure: clocks are arguments.
 //!
 //! A stamp is believed where it can be true: the picture was there within [`LATEST_NS`] after it, and it
-//! is later than the one before. Stamps of the wall clock are brought to CLOCK_MONOTONIC. The instants of a camera that keeps
+//! is later than the one before. Stamps of the wall clock are brought to CLOCK_MONOTONIC, and those of a camera's own
+//! clock, too ([`own_clock`]). The instants of a camera that keeps
 //! its pace jitter by what its driver adds; a filter of second order takes that out, and what it takes out is
 //! the jitter that is reported. Where a stamp is not believed, the instant at which the picture came counts.
 
+pub mod own_clock;
+
 use crate::device::{Stamp, StampClock};
+use own_clock::OwnClock;
 use protocol::time::Nanos;
 
 /// A picture that is older than this when it comes was not stamped by the clock that is assumed, ns.
@@ -44,12 +48,20 @@ pub struct Stamps {
     /// Pictures since the filter began.
     count: u32,
     sequence: Option<u32>,
+    own: OwnClock,
 }
 
 impl Stamps {
     /// Of a camera that brings a picture every `period_ns`.
     pub fn new(period_ns: u64, after_start_ns: u64) -> Self {
-        Stamps { period_ns: period_ns as f64, after_start_ns, newest: None, count: 0, sequence: None }
+        Stamps {
+            period_ns: period_ns as f64,
+            after_start_ns,
+            newest: None,
+            count: 0,
+            sequence: None,
+            own: OwnClock::default(),
+        }
     }
 
     /// Takes a picture that was there at `arrived`; the wall clock is `realtime_offset_ns` ahead of the
@@ -62,6 +74,11 @@ impl Stamps {
         Taken { read_out_ns, jitter_ns, lost, is_odd: believed.is_none() }
     }
 
+    /// Passes over a damaged frame, whose instant counts for nothing; returns the frames that were lost before it.
+    pub fn pass_over(&mut self, sequence: u32) -> u64 {
+        self.lost(sequence)
+    }
+
     /// Frames between this one and the one before, by the driver's count. One that goes back has begun anew.
     fn lost(&mut self, sequence: u32) -> u64 {
         let before = self.sequence.replace(sequence);
@@ -71,13 +88,14 @@ impl Stamps {
     }
 
     /// When the picture was read out by its stamp, where that can be.
-    fn believed(&self, stamp: Stamp, arrived: Nanos, realtime_offset_ns: u64) -> Option<Nanos> {
+    fn believed(&mut self, stamp: Stamp, arrived: Nanos, realtime_offset_ns: u64) -> Option<Nanos> {
         let span_ns = if stamp.is_start { self.after_start_ns } else { 0 };
         let monotonic = Some(stamp.ns);
         let wall = stamp.ns.checked_sub(realtime_offset_ns);
         let candidates = match stamp.clock {
             StampClock::Monotonic => [monotonic, None],
             StampClock::Unknown => [monotonic, wall],
+            StampClock::Own => [self.own.instant(stamp.ns, arrived), None],
             StampClock::Copied => [None, None],
         };
         let read_out = candidates.into_iter().flatten().map(|ns| ns.saturating_add(span_ns));

@@ -2,7 +2,8 @@
 //!
 //! - `options`, `arguments`: the command line, and what each process is given of it
 //! - `session`: the loop that receives, supervises, records and shows
-//! - `cameras`: real cameras, and waiting for them; `controls`: a real pedal and real handles
+//! - `cameras`: real cameras, and waiting for them; `colours`: what is found in their pictures; `controls`: a real pedal
+//!   and real handles
 //! - `attempt_control`: requests for a pause, a restart or the next level
 //! - `supervisor`, `policy`, `standby`: starting, restarting, bounding restarts
 //! - `channel_tap`, `recorder`, `resume`: what is received, written, and kept for a restarted
@@ -15,6 +16,7 @@ mod arguments;
 mod attempt_control;
 mod cameras;
 mod channel_tap;
+mod colours;
 mod controls;
 mod external;
 mod field_trace;
@@ -170,6 +172,7 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
         ),
         ("external", args.real.external.as_ref().map(ToString::to_string)),
         ("cameras", args.real.given().map(ToString::to_string)),
+        ("colours", file(&args.extraction.colours)),
         ("pedal", args.controls.pedal.as_ref().map(ToString::to_string)),
         ("handles", args.controls.handles.as_ref().map(ToString::to_string)),
         ("motion", file(&cameras.motion)),

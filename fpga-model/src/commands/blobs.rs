@@ -17,13 +17,14 @@ use std::path::{Path, PathBuf};
 /// Find the blobs in pictures and clips.
 ///
 /// Each still image (PNG, JPEG) is one picture of camera 0. Each clip (Y4M, 8 bits; - for the
-/// standard input) is a camera of its own: the first is camera 0. Without --fields, pictures are
+/// standard input) is a camera of its own: the first is camera 0. A recording of pixels (vitreo cameras --record-fields
+/// FILE.mcap) has all cameras, and says number and instants of each field. Otherwise, without --fields, pictures are
 /// numbered from 0 and picture k was exposed k + 1 periods after the origin of time: 20 ms for
 /// stills, for clips their own period.
 #[derive(Debug, Clone, clap::Args)]
 pub struct BlobsArgs {
-    /// Still images, or one clip or camera device (/dev/video0) each.
-    #[arg(required = true, value_name = "IMAGE|CLIP.y4m")]
+    /// Still images, or one clip or camera device (/dev/video0) each, or one recording of pixels.
+    #[arg(required = true, value_name = "IMAGE|CLIP.y4m|PIXELS.mcap")]
     pub pictures: Vec<PathBuf>,
     /// Which field each picture is: the k-th line of a camera belongs to its k-th picture.
     #[arg(long, value_name = "FIELDS.jsonl")]

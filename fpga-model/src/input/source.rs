@@ -3,17 +3,21 @@
 //! Still images are pictures of camera 0; clip or device `i` is camera `i`. Without a list of
 //! fields, pictures are numbered from 0, and picture `k` was exposed `k + 1` periods after the
 //! origin of time (an instant of 0 would mean none): the period of a clip is its own, that of
-//! stills and of clips without a rate is that of a field at 50 Hz. With a list (`fields.jsonl`),
+//! stills and of clips without a rate is that of a field at 50 Hz. A recording of pixels says camera, number, parity and
+//! instants of each of its fields. With a list (`fields.jsonl`),
 //! the `k`-th line of a camera belongs to the `k`-th picture of its clip, or the `k`-th line to the
 //! `k`-th still; list and pictures must end together.
 
 use super::camera::Camera;
+use super::recorded::Recorded;
 use super::y4m::{Clip, MAGIC};
 use super::{FieldView, Interlace, Picture, still};
 use crate::colours::ColourTable;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use blob_stream::{FieldHead, HeadReader};
+use protocol::blobs::WHOLE_FRAME;
 use protocol::limits::{FIELD_PERIOD_NS, MAX_CAMERAS};
+use recording::PixelsReader;
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader};
 use std::os::unix::fs::FileTypeExt;
@@ -45,6 +49,7 @@ enum Kind {
     Stills(VecDeque<PathBuf>),
     Clip(Clip<Input>),
     Camera(Camera),
+    Recorded(Recorded),
 }
 
 /// The fields of one camera.
@@ -67,6 +72,7 @@ impl Feed {
             Kind::Stills(_) => (Interlace::Progressive, String::new()),
             Kind::Clip(clip) => (clip.head.interlace, clip.file().into()),
             Kind::Camera(camera) => (Interlace::Progressive, camera.file().into()),
+            Kind::Recorded(recorded) => (Interlace::Progressive, recorded.file().into()),
         };
         Feed {
             kind,
@@ -87,8 +93,16 @@ impl Feed {
                 Some([n, d]) => [1_000_000_000 * d, n * fields],
                 None => [FIELD_PERIOD_NS, 1],
             },
-            Kind::Stills(_) | Kind::Camera(_) => [FIELD_PERIOD_NS, 1],
+            Kind::Stills(_) | Kind::Camera(_) | Kind::Recorded(_) => [FIELD_PERIOD_NS, 1],
         }
+    }
+
+    /// What a recording says of the field that was read last.
+    fn recorded_head(&self) -> Option<FieldHead> {
+        let Kind::Recorded(recorded) = &self.kind else { return None };
+        let header = recorded.header?;
+        let (cam, seq, parity) = (header.camera, header.field, header.parity);
+        Some(FieldHead { cam, seq, t_ns: header.exposed_ns, t_rx_ns: header.read_out_ns(), parity })
     }
 
     /// Reads the next field and returns its parity; `None` at the end.
@@ -97,6 +111,7 @@ impl Feed {
             let found = match &mut self.kind {
                 Kind::Clip(clip) => clip.read(&mut self.picture)?,
                 Kind::Camera(camera) => camera.read(&mut self.picture)?,
+                Kind::Recorded(recorded) => recorded.read(&mut self.picture)?,
                 Kind::Stills(paths) => match paths.pop_front() {
                     None => false,
                     Some(path) => {
@@ -166,6 +181,12 @@ impl Source {
         let feeds = match what.iter().filter(|&&w| w != What::Still).count() {
             0 if paths.is_empty() => bail!("expected at least one picture or clip"),
             0 => vec![Feed::new(Kind::Stills(paths.iter().cloned().collect()), reading)],
+            _ if what.contains(&What::Recording) => {
+                ensure!(paths.len() == 1, "expected one recording of pixels alone, which has all cameras");
+                ensure!(fields.is_none(), "--fields: a recording of pixels says itself which fields it has");
+                ensure!(reading.interlace.is_none(), "--interlaced: a recording of pixels has single fields");
+                recorded(&paths[0], reading)?
+            }
             n if n < paths.len() => bail!("expected either still images or clips, found both"),
             n if n > MAX_CAMERAS => bail!("expected at most {MAX_CAMERAS} clips, found {n}"),
             _ => {
@@ -190,7 +211,10 @@ impl Source {
             Shot {
                 head,
                 view: feed.picture.view(feed.interlace, parity),
-                is_field: feed.interlace != Interlace::Progressive || (listed && !is_still),
+                is_field: match &feed.kind {
+                    Kind::Recorded(_) => head.parity < WHOLE_FRAME,
+                    _ => feed.interlace != Interlace::Progressive || (listed && !is_still),
+                },
                 is_still,
                 is_live: matches!(feed.kind, Kind::Camera(_)),
                 file: &feed.file,
@@ -207,7 +231,8 @@ impl Source {
             if let Some(parity) = feed.advance()? {
                 let [n, d] = feed.period_ns().map(u128::from);
                 let t_ns = (u128::from(feed.taken) * n / d).clamp(1, u64::MAX.into()) as u64;
-                let head = FieldHead { cam: i as u32, seq: feed.taken - 1, t_ns, t_rx_ns: t_ns, parity };
+                let numbered = FieldHead { cam: i as u32, seq: feed.taken - 1, t_ns, t_rx_ns: t_ns, parity };
+                let head = feed.recorded_head().unwrap_or(numbered);
                 return Ok(Some((i, parity, head)));
             }
         }
@@ -250,7 +275,7 @@ impl Source {
             let more = match &feed.kind {
                 Kind::Stills(paths) => !paths.is_empty(),
                 Kind::Clip(_) => feed.advance()?.is_some(),
-                Kind::Camera(_) => false,
+                Kind::Camera(_) | Kind::Recorded(_) => false,
             };
             let what = if feed.file.is_empty() { "the images" } else { &feed.file };
             ensure!(
@@ -262,6 +287,15 @@ impl Source {
         }
         Ok(())
     }
+}
+
+/// The cameras of a recording of pixels.
+fn recorded(path: &Path, reading: &Reading) -> Result<Vec<Feed>> {
+    let cameras = Recorded::head(path)?.cameras;
+    let (most, found) = (MAX_CAMERAS, cameras.len());
+    ensure!(found <= most, "{}: expected at most {most} cameras, found {found}", path.display());
+    let feed = |camera: u32| Ok(Feed::new(Kind::Recorded(Recorded::open(path, camera)?), reading));
+    cameras.into_iter().map(feed).collect()
 }
 
 fn open(path: &Path) -> Result<Input> {
@@ -278,6 +312,7 @@ enum What {
     Still,
     Clip,
     Camera,
+    Recording,
 }
 
 impl What {
@@ -298,8 +333,13 @@ impl What {
         if !kind.is_file() {
             return Ok(What::Clip);
         }
-        let begins = open(path)?.fill_buf().map_err(read_error)?.starts_with(MAGIC);
-        Ok(if begins { What::Clip } else { What::Still })
+        let mut input = open(path)?;
+        let begin = input.fill_buf().map_err(read_error)?;
+        Ok(match (begin.starts_with(MAGIC), PixelsReader::is_mcap(begin)) {
+            (true, _) => What::Clip,
+            (_, true) => What::Recording,
+            _ => What::Still,
+        })
     }
 
     fn open(self, path: &Path) -> Result<Kind> {
@@ -307,6 +347,7 @@ impl What {
             What::Still => Ok(Kind::Stills([path.to_path_buf()].into())),
             What::Clip => Clip::open(open(path)?, &path.display().to_string()).map(Kind::Clip),
             What::Camera => Camera::open(path).map(Kind::Camera),
+            What::Recording => bail!("{}: expected one recording of pixels alone", path.display()),
         }
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! Made from the layouts of the blocks; numbers are those of Google's `descriptor.proto`.
 
+use super::pixels::{self, PIXELS_TAG};
 use super::protobuf::{put_bytes, put_message, put_present};
 use super::{LAYOUTS, NOTE};
 use protocol::wire::{Field, Kind, Layout, Role};
@@ -41,6 +42,22 @@ pub(super) fn file_descriptor_set(topic: usize) -> Vec<u8> {
             Some(layout) => put_layout(out, layout, &mut Vec::new()),
             None => put_note(out),
         }
+        put_bytes(out, 12, b"proto3");
+    });
+    out
+}
+
+/// As [`file_descriptor_set`], of the message of a recording of pixels.
+pub(super) fn of_pixels() -> Vec<u8> {
+    let of_header = |(number, field)| Descriptor { number, ..descriptor(field) };
+    let mut fields: Vec<Descriptor<'_>> = pixels::fields().map(of_header).collect();
+    let (name, number) = ("pixels_zstd", PIXELS_TAG);
+    fields.push(Descriptor { name, number, repeated: false, kind: BYTES, type_name: None });
+    let mut out = Vec::new();
+    put_message(&mut out, 1, |out| {
+        put_bytes(out, 1, b"vitreo-pixels.proto");
+        put_bytes(out, 2, PACKAGE.as_bytes());
+        put_message(out, 4, |out| put_fields(out, pixels::MESSAGE, &fields));
         put_bytes(out, 12, b"proto3");
     });
     out

@@ -27,10 +27,32 @@ pub fn run() -> Result<()> {
             Ok(_) => {}
         }
     }
+    #[cfg(feature = "genicam")]
+    {
+        count += list_genicam();
+    }
     if count == 0 {
         outputs::println!("{NONE}");
     }
+    #[cfg(not(feature = "genicam"))]
+    outputs::println!("GenICam cameras were not looked for: {}", crate::process::feed::NO_GENICAM);
     Ok(())
+}
+
+/// Lists the GenICam cameras, and returns how many there are.
+#[cfg(feature = "genicam")]
+fn list_genicam() -> usize {
+    use crate::device::genicam::{found, modes};
+    let all = found();
+    for camera in &all {
+        let about = format!("genicam:{}  {} at {}", camera.name, camera.about, camera.address);
+        outputs::println!("{}", outputs::printable(&about));
+        match modes(&camera.name) {
+            Ok(lines) => lines.iter().for_each(|line| outputs::println!("  {}", outputs::printable(line))),
+            Err(problem) => outputs::println!("  {}", outputs::printable(&format!("{problem:#}"))),
+        }
+    }
+    all.len()
 }
 
 fn show(device: &Device) {

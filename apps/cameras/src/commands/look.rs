@@ -2,12 +2,14 @@
 
 use super::CamerasArgs;
 use super::clips::{CLIPS, Clips};
+use super::pixels::Pixels;
 use super::watch::Watch;
 use crate::process::feed::{Feed, Field};
 use crate::timing::Clock;
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use bytemuck::Zeroable;
 use fpga_model::camera_extractor::CameraExtractor;
+use fpga_model::colours::file::ColourFile;
 use fpga_model::input::overlay::{draw, png};
 use fpga_model::input::{Interlace, Picture};
 use fpga_model::pixels;
@@ -20,7 +22,7 @@ use protocol::time::Nanos;
 use rig::Rig;
 use rig::sensor::Scan;
 use scene::{DEFAULT_SCENE, SceneFile};
-use settings::commands::cameras::{Cameras, Streams};
+use settings::commands::cameras::Cameras;
 use std::io::{IsTerminal, Write};
 use std::path::Path;
 use std::sync::Arc;
@@ -51,21 +53,47 @@ struct Look {
     snapshot: Option<Picture>,
 }
 
+/// Where all fields are kept.
+enum Fields {
+    Clips(Clips),
+    Pixels(Pixels),
+}
+
+impl Fields {
+    fn begin(to: &Path, cameras: usize, rig: &Rig, outputs: &mut Outputs) -> Result<Self> {
+        if to.extension().is_some_and(|ending| ending == "mcap") {
+            return Pixels::begin(to, cameras, rig, outputs).map(Fields::Pixels);
+        }
+        outputs.claim_folder(to, CLIPS)?;
+        Clips::begin(to, cameras, rig.field_hz, outputs).map(Fields::Clips)
+    }
+
+    /// Ends them, and returns them as `--cameras` takes them.
+    fn finish(self) -> Result<String> {
+        match self {
+            Fields::Clips(clips) => Ok(clips.finish()?.join(",")),
+            Fields::Pixels(pixels) => pixels.finish(),
+        }
+    }
+}
+
 /// What is kept of the pictures.
 struct Kept {
     snapshot: bool,
-    clips: Option<Clips>,
+    fields: Option<Fields>,
 }
 
 impl Kept {
     fn any(&self) -> bool {
-        self.snapshot || self.clips.is_some()
+        self.snapshot || self.fields.is_some()
     }
 
     /// Keeps a field of camera `i`.
     fn take(&mut self, i: usize, look: &mut Look, header: &FieldHeader, picture: Picture) -> Result<()> {
-        if let Some(clips) = &mut self.clips {
-            clips.keep(i, header.field, header.parity, &picture)?;
+        match &mut self.fields {
+            Some(Fields::Clips(clips)) => clips.keep(i, header.field, header.parity, &picture)?,
+            Some(Fields::Pixels(pixels)) => pixels.keep(header, &picture)?,
+            None => {}
         }
         if self.snapshot {
             look.snapshot = Some(picture);
@@ -88,18 +116,19 @@ enum Source {
 /// Where the rig or a source is refused, a camera brings nothing for the snapshot, or it cannot be written.
 pub fn run(args: &CamerasArgs, cameras: &Cameras) -> Result<()> {
     let rig = Rig::load_or_shipped(args.rig.rig.as_deref())?;
-    let mut outputs = Outputs::new(args.force.force).reading_all(args.rig.rig.iter());
+    let colours = ColourFile::load_or_shipped(args.extraction.colours.as_deref()).context("--colours")?;
+    let read = args.rig.rig.iter().chain(&args.extraction.colours);
+    let mut outputs = Outputs::new(args.force.force).reading_all(read);
     let bell = Bell::new()?;
     let stop = Arc::<AtomicBool>::default();
     let mut source = Source::open(&rig, cameras, &bell, &stop)?;
-    let mut looks = source.looks(&rig, cameras)?;
+    let mut looks = source.looks(&rig, cameras, &colours)?;
     if let Some(folder) = &args.snapshot {
         outputs.claim_folder(folder, PICTURES)?;
     }
-    let mut kept = Kept { snapshot: args.snapshot.is_some(), clips: None };
-    if let Some(folder) = &args.record_fields {
-        outputs.claim_folder(folder, CLIPS)?;
-        kept.clips = Some(Clips::begin(folder, looks.len(), rig.field_hz, &mut outputs)?);
+    let mut kept = Kept { snapshot: args.snapshot.is_some(), fields: None };
+    if let Some(to) = &args.record_fields {
+        kept.fields = Some(Fields::begin(to, looks.len(), &rig, &mut outputs)?);
     }
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
@@ -124,8 +153,8 @@ pub fn run(args: &CamerasArgs, cameras: &Cameras) -> Result<()> {
         sleep_until(at + LOOK_NS);
     }
     stop.store(true, Ordering::Relaxed);
-    if let Some(clips) = kept.clips {
-        outputs::println!("kept: {}", clips.finish()?.join(","));
+    if let Some(fields) = kept.fields {
+        outputs::println!("kept: {}", fields.finish()?);
     }
     args.snapshot.as_ref().map_or(Ok(()), |folder| save(&looks, folder, &mut outputs))
 }
@@ -135,7 +164,7 @@ impl Source {
         match cameras {
             Cameras::Program(program) => {
                 bail!(
-                    "{}: a program shows its pictures itself; expected v4l2:, y4m: or virtual",
+                    "{}: a program shows its pictures itself; expected v4l2:, genicam:, y4m:, mcap: or virtual",
                     program.display()
                 )
             }
@@ -145,22 +174,23 @@ impl Source {
                 let cameras = Box::new(Virtual::new(rig, Way::Pixels, SEED)?);
                 Ok(Source::Virtual { cameras, surgeon, number: 0, start_ns: now() })
             }
-            Cameras::Streams(Streams(streams)) => {
-                let (expected, found) = (rig.cameras().len(), streams.len());
+            Cameras::Streams(streams) => {
+                let cameras = rig.cameras();
+                let streams = streams.spread(cameras.len());
+                let (expected, found) = (cameras.len(), streams.len());
                 ensure!(
                     found <= expected,
                     "expected at most {expected} cameras, as the rig has, found {found}"
                 );
-                let cameras = rig.cameras();
                 let feed = |(camera, stream)| {
                     anyhow::Ok((Feed::start(rig, camera, stream, bell.rope(), stop, now())?, None))
                 };
-                Ok(Source::Feeds(cameras.iter().zip(streams).map(feed).collect::<Result<_>>()?))
+                Ok(Source::Feeds(cameras.iter().zip(&streams).map(feed).collect::<Result<_>>()?))
             }
         }
     }
 
-    fn looks(&self, rig: &Rig, cameras: &Cameras) -> Result<Vec<Look>> {
+    fn looks(&self, rig: &Rig, cameras: &Cameras, colours: &ColourFile) -> Result<Vec<Look>> {
         let count = if let Source::Feeds(feeds) = self { feeds.len() } else { rig.cameras().len() };
         let look = |(i, camera): (usize, &rig::camera::Camera)| {
             let sensor = rig.sensor(camera.id);
@@ -170,7 +200,7 @@ impl Source {
             };
             Ok(Look {
                 name: format!("camera {} ({source})", camera.id),
-                extractor: CameraExtractor::new(rig, camera)?,
+                extractor: CameraExtractor::finding(rig, camera, colours)?,
                 planes: FieldPicture::of_size(sensor.field_size()?),
                 blobs: Box::new(BlobField::zeroed()),
                 watch: Watch::default(),
@@ -185,7 +215,7 @@ impl Source {
     fn take(&mut self, looks: &mut [Look], at: Nanos, kept: &mut Kept) -> Result<()> {
         match self {
             Source::Feeds(feeds) => {
-                listen(feeds, at, kept.clips.is_some())?;
+                listen(feeds, at, kept.fields.is_some())?;
                 for (i, ((feed, clock), look)) in feeds.iter_mut().zip(looks).enumerate() {
                     let Some(clock) = clock else { continue };
                     feed.publish(clock, u64::MAX, at, |field: &Field<'_>| {

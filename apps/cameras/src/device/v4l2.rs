@@ -192,7 +192,7 @@ impl Device for Camera {
             stamp: stamp_of(&buffer),
             sequence: buffer.sequence,
             field: buffer.field,
-            is_damaged: buffer.flags & ERROR != 0,
+            damage: (buffer.flags & ERROR != 0).then_some("its driver marks as damaged"),
         }))
     }
 }

@@ -1,7 +1,9 @@
 //! One camera: what its reader has brought, which numbers its fields have, and how it stands.
 
+use super::line::Line;
 use super::live::LiveReader;
 use super::reader::{Pictured, Reader, Told};
+use super::recorded::RecordedReader;
 use crate::condition::{Condition, Kind, Trouble};
 use crate::device::v4l2::Opener;
 use crate::device::{Open, Role};
@@ -21,7 +23,7 @@ use rig::sensor::{Scan, Sensor as OfRig};
 use settings::commands::cameras::{Stream, StreamKind};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
+use std::sync::mpsc::{Receiver, Sender, channel, sync_channel};
 
 /// A source that has brought nothing for so many periods is silent.
 const SILENT_PERIODS: u64 = 10;
@@ -34,6 +36,11 @@ const ODD_NS: u64 = 1_000_000_000;
 /// Late fields in a row after which a camera is slow, and fields in time after which it is not.
 const SLOW_AFTER: u32 = 3;
 const IN_TIME_AFTER: u32 = 25;
+
+/// What is said of GenICam cameras where they were left out of the build.
+#[cfg(not(feature = "genicam"))]
+pub(crate) const NO_GENICAM: &str = "this vitreo was built without GenICam cameras; `cargo build --release \
+    --features cameras/genicam` builds it with them, where aravis is there (Debian: libaravis-dev, libusb-1.0-0-dev; docs/cameras.md)";
 
 /// A field that is to be published.
 pub(crate) struct Field<'a> {
@@ -86,19 +93,17 @@ struct Reading<'a> {
 
 impl Reading<'_> {
     /// What the thread of the reader does.
-    fn reader(
-        &self,
-        outbox: SyncSender<Told>,
-        spare: Receiver<Picture>,
-        rope: BellRope,
-        stop: Arc<AtomicBool>,
-    ) -> Result<Box<dyn FnOnce() + Send>> {
+    fn reader(&self, line: Line) -> Result<Box<dyn FnOnce() + Send>> {
         let Reading { rig, camera, of_rig, stream } = self;
         let (frame_px, scan, path) = (camera.size_px, of_rig.scan, stream.path.clone());
         let has_parity = stream.parity.is_some();
+        let expected = Expected { frame_px, scan, field_hz: rig.field_hz, has_parity };
         if stream.kind == StreamKind::Y4m {
-            let expected = Expected { frame_px, scan, field_hz: rig.field_hz, has_parity };
-            let reader = Reader { path, expected, outbox, spare, rope, stop };
+            let reader = Reader { path, expected, line };
+            return Ok(Box::new(move || reader.run()));
+        }
+        if stream.kind == StreamKind::Mcap {
+            let reader = RecordedReader { path, camera: camera.id, expected, line };
             return Ok(Box::new(move || reader.run()));
         }
         let whole = scan == Scan::Progressive;
@@ -109,20 +114,31 @@ impl Reading<'_> {
                 "{stream}: exposure {us} µs; the rig's exposure_ns says {believed_us} µs, which the tracker believes"
             );
         }
-        let opener = Opener {
-            path,
-            frame_px,
-            format: of_rig.format,
-            hz: rig.field_hz,
-            interlaced: !whole,
-            wanted: stream.wanted,
-        };
-        let opener: Box<dyn Open> = Box::new(opener);
+        let opener = self.opener()?;
         let clock = || (ipc::clock::now(), ipc::clock::realtime_offset_ns());
         let (role, period_ns) = (Role { frame_px, scan }, rig.field_period_ns());
-        let reader =
-            LiveReader { opener, role, sensor: *of_rig, period_ns, clock, outbox, spare, rope, stop };
+        let reader = LiveReader { opener, role, sensor: *of_rig, period_ns, clock, line };
         Ok(Box::new(move || reader.run()))
+    }
+}
+
+impl Reading<'_> {
+    /// How the camera is opened.
+    fn opener(&self) -> Result<Box<dyn Open>> {
+        let Reading { rig, camera, of_rig, stream } = self;
+        let (frame_px, format, hz) = (camera.size_px, of_rig.format, rig.field_hz);
+        let (interlaced, wanted) = (of_rig.scan == Scan::Interlaced, stream.wanted);
+        if stream.kind == StreamKind::V4l2 {
+            let path = stream.path.clone();
+            return Ok(Box::new(Opener { path, frame_px, format, hz, interlaced, wanted }));
+        }
+        #[cfg(feature = "genicam")]
+        {
+            let name = stream.path.display().to_string();
+            Ok(Box::new(crate::device::genicam::Opener { name, frame_px, format, hz, interlaced, wanted }))
+        }
+        #[cfg(not(feature = "genicam"))]
+        anyhow::bail!("{stream}: {NO_GENICAM}")
     }
 }
 
@@ -173,7 +189,7 @@ impl Feed {
         let (outbox, inbox) = sync_channel(1);
         let (spare, spares) = channel();
         let reading = Reading { rig, camera, of_rig, stream };
-        let reader = reading.reader(outbox, spares, rope, Arc::clone(stop))?;
+        let reader = reading.reader(Line { outbox, spare: spares, rope, stop: Arc::clone(stop) })?;
         let thread = std::thread::Builder::new().name(format!("camera-{}", camera.id));
         thread.spawn(reader).context("a thread for a camera")?;
         let source = stream.to_string();
@@ -183,7 +199,7 @@ impl Feed {
             condition: Condition::new(format!("camera {} ({source})", camera.id)),
             source,
             period_ns: rig.field_period_ns(),
-            is_device: stream.kind == StreamKind::V4l2,
+            is_device: stream.kind.is_camera(),
             first_parity: stream.parity.unwrap_or(0),
             inbox,
             spare,

@@ -1,20 +1,16 @@
 //! The thread that reads one camera of this machine: opens it, brings its pictures with their instants, and
 //! waits for it where it was unplugged.
 
-use super::reader::{LOOK_MS, Pictured, ROUNDS_REFUSED, Told, pause};
+use super::line::{LOOK_MS, Line};
+use super::reader::{Pictured, Told};
 use crate::device::{Absent, Buffer, Device, Open, Parts, Role, is_gone};
 use crate::stamps::Stamps;
 use crate::stream::is_black;
-use anyhow::{Result, anyhow, bail};
-use fpga_model::input::Picture;
+use anyhow::{Result, bail};
 use fpga_model::input::packed::Layout;
-use ipc::BellRope;
 use protocol::time::Nanos;
 use rig::sensor::Sensor;
 use std::io::ErrorKind;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender};
 
 /// Reads one camera.
 pub(super) struct LiveReader {
@@ -25,11 +21,7 @@ pub(super) struct LiveReader {
     pub(super) period_ns: u64,
     /// The present instant, and by how much the wall clock is ahead of it.
     pub(super) clock: fn() -> (Nanos, u64),
-    pub(super) outbox: SyncSender<Told>,
-    /// Pictures that are done with, to be filled again.
-    pub(super) spare: Receiver<Picture>,
-    pub(super) rope: BellRope,
-    pub(super) stop: Arc<AtomicBool>,
+    pub(super) line: Line,
 }
 
 /// How reading ended.
@@ -64,25 +56,14 @@ impl LiveReader {
                 Err(problem) => (Told::Refused(format!("{problem:#}")), true),
             };
             is_away = matches!(told, Told::Closed);
-            if is_news && self.tell(told).is_err() {
+            if is_news && self.line.tell(told).is_err() {
                 return;
             }
-            (0..ROUNDS_REFUSED).filter(|_| !self.stopping()).for_each(|_| pause());
-            if self.stopping() {
+            self.line.pause();
+            if self.line.stopping() {
                 return;
             }
         }
-    }
-
-    fn stopping(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
-    }
-
-    /// Waits where the process is not ready for more; an error where it is gone.
-    fn tell(&self, told: Told) -> Result<()> {
-        self.outbox.send(told).map_err(|_| anyhow!("nobody listens"))?;
-        self.rope.ring();
-        Ok(())
     }
 
     /// Opens the camera and reads it until it is gone.
@@ -92,12 +73,12 @@ impl LiveReader {
             opened => opened?,
         };
         let (settings, note) = device.notes();
-        self.tell(Told::Opened { is_file: false, settings, note })?;
+        self.line.tell(Told::Opened { is_file: false, settings, note })?;
         let (layout, mut course) = (device.layout(), Course::default());
-        while !self.stopping() {
+        while !self.line.stopping() {
             match self.next(&mut *device, &layout, &mut course) {
                 Ok(None) => {}
-                Ok(Some(told)) => self.tell(told)?,
+                Ok(Some(told)) => self.line.tell(told)?,
                 Err(problem) if problem.downcast_ref().is_some_and(is_gone) => {
                     return Ok(End::Unplugged { was_open: true });
                 }
@@ -122,14 +103,14 @@ impl LiveReader {
         let (arrived_ns, wall_ns) = (self.clock)();
         let parts = self.role.parts(layout, buffer.field)?;
         let stamps = course.stamps.get_or_insert_with(|| self.stamps(&parts));
+        if let Some(damage) = buffer.damage {
+            course.damaged += stamps.pass_over(buffer.sequence) + 1;
+            return Ok(Told::Refused(format!("brings a picture that {damage} and is left out")));
+        }
         let mut taken = stamps.take(buffer.stamp, buffer.sequence, arrived_ns, wall_ns);
-        let mut picture = self.spare.try_recv().unwrap_or_default();
-        let unpacked = match buffer.is_damaged {
-            true => Err(anyhow!("marks a picture as damaged")),
-            false => layout.unpack(buffer.bytes, &mut picture),
-        };
+        let mut picture = self.line.picture();
         course.damaged += taken.lost;
-        if let Err(problem) = unpacked {
+        if let Err(problem) = layout.unpack(buffer.bytes, &mut picture) {
             course.damaged += 1;
             return Ok(Told::Refused(format!("brings a picture that is left out: {problem}")));
         }

@@ -2,12 +2,12 @@
 //! read when there is something in it, and the end of the process is looked for in between. It reads one
 //! picture ahead; the rest waits in the pipe, and so does the writer.
 
+use super::line::{LOOK_MS, Line};
 use crate::device::Parts;
 use crate::stamps::Taken;
 use crate::stream::{Expected, PictureStream, is_black};
 use anyhow::{Result, anyhow, bail};
 use fpga_model::input::{Interlace, Picture};
-use ipc::BellRope;
 use ipc::clock::now;
 use protocol::time::Nanos;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -17,13 +17,7 @@ use std::io::{self, BufRead, BufReader, Read};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender};
 
-/// Longest wait for a pipe without looking whether the process ends, ms.
-pub(super) const LOOK_MS: i64 = 50;
-/// Rounds of [`LOOK_MS`] between a source that was refused and the next try: a writer that goes on
-/// meanwhile learns that nobody reads.
-pub(super) const ROUNDS_REFUSED: u32 = 6;
 /// Bytes read at a time.
 const BUFFER: usize = 1 << 18;
 
@@ -64,11 +58,7 @@ pub(super) struct Pictured {
 pub(super) struct Reader {
     pub(super) path: PathBuf,
     pub(super) expected: Expected,
-    pub(super) outbox: SyncSender<Told>,
-    /// Pictures that are done with, to be filled again.
-    pub(super) spare: Receiver<Picture>,
-    pub(super) rope: BellRope,
-    pub(super) stop: Arc<AtomicBool>,
+    pub(super) line: Line,
 }
 
 /// How a source ended.
@@ -85,31 +75,21 @@ impl Reader {
         loop {
             let told = match self.read_source() {
                 Ok(End::Closed) => Told::Closed,
-                Ok(End::Over(why)) => return drop(self.tell(Told::Over(why))),
+                Ok(End::Over(why)) => return drop(self.line.tell(Told::Over(why))),
                 Ok(End::Stopped) => return,
                 Err(problem) => Told::Refused(format!("{problem:#}")),
             };
             let refused = matches!(told, Told::Refused(_));
-            if self.tell(told).is_err() {
+            if self.line.tell(told).is_err() {
                 return;
             }
-            let rounds = if refused { ROUNDS_REFUSED } else { 0 };
-            (0..rounds).filter(|_| !self.stopping()).for_each(|_| pause());
-            if self.stopping() {
+            if refused {
+                self.line.pause();
+            }
+            if self.line.stopping() {
                 return;
             }
         }
-    }
-
-    fn stopping(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
-    }
-
-    /// Waits where the process is not ready for more; an error where it is gone.
-    fn tell(&self, told: Told) -> Result<()> {
-        self.outbox.send(told).map_err(|_| anyhow!("nobody listens"))?;
-        self.rope.ring();
-        Ok(())
     }
 
     /// Opens the source and reads it to its end.
@@ -123,11 +103,11 @@ impl Reader {
             _ => bail!("is neither a pipe nor a file"),
         };
         let source =
-            Source { file: file.into(), is_file, stop: Arc::clone(&self.stop), ended: Arc::default() };
+            Source { file: file.into(), is_file, stop: Arc::clone(&self.line.stop), ended: Arc::default() };
         let ended = Arc::clone(&source.ended);
         let mut input = BufReader::with_capacity(BUFFER, source);
         let read = self.read_pictures(&mut input, is_file);
-        if self.stopping() {
+        if self.line.stopping() {
             return Ok(End::Stopped);
         }
         match read {
@@ -142,10 +122,10 @@ impl Reader {
 
     fn read_pictures(&self, input: &mut impl BufRead, is_file: bool) -> Result<()> {
         let mut stream = PictureStream::open(input, self.expected.clone())?;
-        self.tell(Told::Opened { is_file, settings: String::new(), note: stream.note.take() })?;
+        self.line.tell(Told::Opened { is_file, settings: String::new(), note: stream.note.take() })?;
         let mut is_first = true;
         loop {
-            let mut picture = self.spare.try_recv().unwrap_or_default();
+            let mut picture = self.line.picture();
             if !stream.read(&mut picture)? {
                 return Ok(());
             }
@@ -156,15 +136,10 @@ impl Reader {
             };
             let (arrived_ns, taken) = (now(), None);
             let pictured = Pictured { picture, parts, arrived_ns, is_black, is_first, taken };
-            self.tell(Told::Picture(Box::new(pictured)))?;
+            self.line.tell(Told::Picture(Box::new(pictured)))?;
             is_first = false;
         }
     }
-}
-
-pub(super) fn pause() {
-    let until = now() + LOOK_MS as u64 * 1_000_000;
-    ipc::clock::sleep_until(until);
 }
 
 /// A pipe or a file that is given up where the process ends.

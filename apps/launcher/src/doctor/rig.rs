@@ -11,7 +11,7 @@ use rig::Rig;
 use rustix::fs::{Access, access};
 use settings::Refusal;
 use settings::apply::matches;
-use settings::commands::cameras::Cameras;
+use settings::commands::cameras::{Cameras, Stream};
 use settings::files::Files;
 use std::path::Path;
 
@@ -80,10 +80,13 @@ fn cameras(run: &RunArgs, rig: Option<&Rig>) -> Vec<Check> {
         }
         Some(Cameras::Program(program)) => vec![usable(NAME, program, Access::EXEC_OK)],
         Some(Cameras::Streams(streams)) => {
-            let mut checks: Vec<Check> =
-                streams.0.iter().map(|s| usable(NAME, &s.path, Access::READ_OK)).collect();
+            let check = |s: &Stream| match s.kind.has_path() {
+                true => usable(NAME, &s.path, Access::READ_OK),
+                false => Check::ok(NAME, format!("{s}: `vitreo cameras --list` says whether it answers")),
+            };
+            let mut checks: Vec<Check> = streams.0.iter().map(check).collect();
             let needed = rig.map_or(streams.0.len(), |rig| rig.cameras.len());
-            if streams.0.len() != needed {
+            if streams.spread(needed).len() != needed {
                 let found = format!("{} are set, the rig has {needed}", streams.0.len());
                 checks.push(Check::fail(NAME, found, "name one source for each camera, in the rig's order"));
             }

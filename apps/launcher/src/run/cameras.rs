@@ -21,7 +21,7 @@ const REMINDER: Duration = Duration::from_secs(600);
 
 /// What is wanted where nothing is configured.
 const NOT_CONFIGURED: &str = "no real cameras are configured: [run] of vitreo.toml needs \
-    cameras = \"PROGRAM\", \"v4l2:/dev/video0,...\" or \"y4m:PATH,...\" and rig = \"RIG.json\" (docs/install.md, \"A rig that starts at \
+    cameras = \"PROGRAM\", \"v4l2:/dev/video0,...\", \"genicam:NAME,...\" or \"y4m:PATH,...\" and rig = \"RIG.json\" (docs/install.md, \"A rig that starts at \
     boot\"); \
     start again when it has them";
 
@@ -47,14 +47,14 @@ pub fn check(real: &RealCamerasArgs, rig: Option<&Path>, direct: bool) -> anyhow
     }
     let Some(streams) = real.streams() else { return Ok(()) };
     if direct {
-        let problem = "--direct: y4m: and v4l2: bring pictures, in which the camera hardware looks for blobs; leave --direct away";
+        let problem = "--direct: y4m:, mcap:, v4l2: and genicam: bring pictures, in which the camera hardware looks for blobs; leave --direct away";
         return Err(WrongUse(problem.into()).into());
     }
     let cameras = Rig::load_or_shipped(rig).context("--rig")?.cameras.len();
-    let sources = streams.0.len();
+    let sources = streams.spread(cameras).len();
     if sources != cameras {
         let problem = format!(
-            "--cameras: expected {cameras} sources, one y4m:PATH or v4l2:/dev/videoN for each camera of the rig in its order, found {sources}"
+            "--cameras: expected {cameras} sources, one y4m:PATH, v4l2:/dev/videoN or genicam:NAME for each camera of the rig in its order, or one mcap:FILE, found {sources}"
         );
         return Err(WrongUse(problem).into());
     }
@@ -64,13 +64,14 @@ pub fn check(real: &RealCamerasArgs, rig: Option<&Path>, direct: bool) -> anyhow
 /// Refuses sources that are not what they are named as. None is opened: who writes into a pipe may come
 /// later, and a device is opened by who reads it.
 fn check_sources(streams: &Streams) -> anyhow::Result<()> {
-    for stream in &streams.0 {
+    for stream in streams.0.iter().filter(|stream| stream.kind.has_path()) {
         let path = &stream.path;
         check_file("--cameras", path)?;
         let kind = path.metadata()?.file_type();
         let (fits, expected) = match stream.kind {
             StreamKind::Y4m => (kind.is_fifo() || kind.is_file(), "expected a pipe (mkfifo) or a file"),
-            StreamKind::V4l2 => {
+            StreamKind::Mcap => (kind.is_file(), "expected a file of `vitreo cameras --record-fields`"),
+            StreamKind::V4l2 | StreamKind::Genicam => {
                 (kind.is_char_device(), "expected a device (`vitreo cameras --list` lists them)")
             }
         };
@@ -143,11 +144,13 @@ mod tests {
         std::fs::write(path("a"), "").unwrap();
         let [a, b] = ["a", "b"].map(|name| format!("y4m:{}", path(name)));
         assert_eq!(refused(&format!("{a},{a},{a}?parity=1"), false), None);
+        // Who a name on the network belongs to is known once it is asked.
+        assert_eq!(refused(&format!("{a},{a},genicam:10.0.0.7"), false), None);
         let cases = [
             (
                 format!("{a},{a}"),
                 false,
-                "expected 3 sources, one y4m:PATH or v4l2:/dev/videoN for each camera",
+                "expected 3 sources, one y4m:PATH, v4l2:/dev/videoN or genicam:NAME for each camera",
                 true,
             ),
             ([&*a; 9].join(","), false, "found 9", true),

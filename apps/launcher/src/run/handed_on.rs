@@ -46,7 +46,8 @@ impl RunArgs {
             Process::VirtualRig => self.to_virtual_rig(&mut args, remaining_s, restarts),
             Process::Renderer => self.to_renderer(&mut args, view, restarts),
             Process::Simcore => self.collision.hand_on(&mut args),
-            Process::FpgaModel | Process::Tracker => {}
+            Process::FpgaModel => self.extraction.hand_on(&mut args),
+            Process::Tracker => {}
             Process::Controls => self.controls.hand_on(&mut args),
             _ => self.desk.iter().for_each(|desk| desk.hand_on(&mut args)),
         }

@@ -2,6 +2,7 @@
 
 use super::arguments::{injected_delay, percentile, positive, share};
 use super::cameras;
+use super::colours;
 use super::controls;
 use super::external;
 use super::field_trace::TraceOutArgs;
@@ -25,7 +26,7 @@ use settings::commands::cameras::{Cameras, Streams};
 use settings::commands::controls::ControlsArgs;
 use settings::commands::external::External;
 use settings::commands::processes::{
-    CollisionArgs, DeskArgs, PictureArgs, RigArgs, SceneArgs, VirtualRigArgs,
+    CollisionArgs, DeskArgs, ExtractionArgs, PictureArgs, RigArgs, SceneArgs, VirtualRigArgs,
 };
 use settings::commands::{StoreArgs, WritingArgs};
 use settings::inputs::{check_file, check_folder};
@@ -46,6 +47,9 @@ pub struct RunArgs {
     /// The rig.
     #[command(flatten)]
     pub rig: RigArgs,
+    /// What the camera hardware finds.
+    #[command(flatten)]
+    pub extraction: ExtractionArgs,
     /// Who looks for collisions.
     #[command(flatten)]
     pub collision: CollisionArgs,
@@ -119,13 +123,14 @@ pub struct TrainingArgs {
 #[command(next_help_heading = "Real cameras")]
 pub struct RealCamerasArgs {
     /// Where the pictures come from: virtual (as without this option), or for each camera of the rig
-    /// v4l2:/dev/videoN, a camera of this machine (with ?exposure_us=2000&gain=4&trigger=external), or
-    /// y4m:PATH, a pipe or a file of fields (y4m:PATH?parity=1 where the first has the odd lines;
-    /// docs/cameras.md); or a program that drives cameras (it publishes fields of pixels, blobs with
-    /// --direct, handles and pedal; docs/camera-hardware.md).
+    /// v4l2:/dev/videoN, a camera of this machine, or genicam:NAME, one by GigE Vision or USB3 Vision
+    /// (both with ?exposure_us=2000&gain=4&trigger=external), or y4m:PATH, a pipe or a file of fields
+    /// (y4m:PATH?parity=1 where the first has the odd lines); mcap:FILE, what vitreo cameras
+    /// --record-fields kept of all cameras (docs/cameras.md); or a program that drives cameras (it
+    /// publishes fields of pixels, blobs with --direct, handles and pedal; docs/camera-hardware.md).
     #[arg(
         long,
-        value_name = "virtual|v4l2:DEVICE,...|y4m:PATH,...|PROGRAM",
+        value_name = "virtual|v4l2:DEVICE,...|genicam:NAME,...|y4m:PATH,...|mcap:FILE|PROGRAM",
         requires = "rig",
         conflicts_with_all = ["blobs", "motion", "faults"]
     )]
@@ -377,9 +382,11 @@ impl RunArgs {
     /// The files that the run reads.
     fn inputs(&self) -> impl Iterator<Item = PathBuf> {
         let (cameras, picture) = (&self.virtual_rig, &self.view.picture);
-        let own = [&self.rig.rig, &cameras.motion, &cameras.blobs, &self.judge.budgets];
+        let own =
+            [&self.rig.rig, &self.extraction.colours, &cameras.motion, &cameras.blobs, &self.judge.budgets];
         let files = own.into_iter().chain([&picture.fundus.fundus, &picture.instruments]);
-        let streams = self.real.streams().into_iter().flat_map(|s| s.0.iter().map(|s| s.path.clone()));
+        let streams = self.real.streams().into_iter().flat_map(|s| s.0.iter().filter(|s| s.kind.has_path()));
+        let streams = streams.map(|s| s.path.clone());
         let desk = self.desk.as_ref().and_then(|d| d.inputs.clone());
         let pedal = self.controls.pedal.as_ref().map(|pedal| pedal.path.clone());
         let mapping =
@@ -419,6 +426,7 @@ impl RunArgs {
         external::check(self)?;
         cameras::check(&self.real, self.rig.rig.as_deref(), self.virtual_rig.direct)?;
         controls::check(self)?;
+        colours::check(self)?;
         picture.instruments.as_deref().map_or(Ok(()), |folder| check_folder("--instruments", folder))?;
         let mut outputs = Outputs::new(self.outputs.force.force).reading_all(self.inputs());
         let OutputArgs { record, writing, report, trace, .. } = &self.outputs;

@@ -102,6 +102,8 @@ pub struct Setup {
     pub rig: String,
     pub seed: u64,
     pub source: String,
+    /// The file of colours, or `shipped`.
+    pub colours: String,
     pub view: &'static str,
     /// True if cameras, tracker and simulation ran under the real-time scheduler.
     pub realtime: bool,

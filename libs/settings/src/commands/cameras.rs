@@ -7,7 +7,7 @@ use std::str::FromStr;
 /// The word for the cameras that vitreo invents.
 const VIRTUAL: &str = "virtual";
 /// Forms of a source, for messages.
-const FORMS: &str = "y4m:PATH or v4l2:/dev/videoN";
+const FORMS: &str = "y4m:PATH, mcap:FILE, v4l2:/dev/videoN or genicam:NAME";
 /// Longest exposure that can be asked for, µs.
 const MAX_EXPOSURE_US: u32 = 1_000_000;
 
@@ -31,17 +31,36 @@ pub struct Streams(pub Vec<Stream>);
 pub enum StreamKind {
     /// YUV4MPEG2 through a pipe or from a file.
     Y4m,
+    /// A recording of pixels.
+    Mcap,
     /// A camera of this machine (Video4Linux2).
     V4l2,
+    /// A GenICam camera (GigE Vision, USB3 Vision).
+    Genicam,
 }
 
 impl StreamKind {
+    /// Every kind.
+    const ALL: [StreamKind; 4] = [StreamKind::Y4m, StreamKind::Mcap, StreamKind::V4l2, StreamKind::Genicam];
+
     /// What its form begins with.
     fn prefix(self) -> &'static str {
         match self {
             StreamKind::Y4m => "y4m:",
+            StreamKind::Mcap => "mcap:",
             StreamKind::V4l2 => "v4l2:",
+            StreamKind::Genicam => "genicam:",
         }
+    }
+
+    /// Its pictures come from a camera, which can be set, and not from a pipe or a file.
+    pub fn is_camera(self) -> bool {
+        matches!(self, StreamKind::V4l2 | StreamKind::Genicam)
+    }
+
+    /// What its source names is a path of this machine.
+    pub fn has_path(self) -> bool {
+        self != StreamKind::Genicam
     }
 }
 
@@ -80,7 +99,7 @@ pub struct Wanted {
 pub struct Stream {
     /// What it is.
     pub kind: StreamKind,
-    /// A pipe, a file or a device.
+    /// A pipe, a file or a device; of a GenICam camera its name or address.
     pub path: PathBuf,
     /// Parity of the field with number 0, where it is given.
     pub parity: Option<u32>,
@@ -95,7 +114,7 @@ impl FromStr for Cameras {
         if text == VIRTUAL {
             return Ok(Cameras::Virtual);
         }
-        if [StreamKind::Y4m, StreamKind::V4l2].iter().any(|kind| text.starts_with(kind.prefix())) {
+        if StreamKind::ALL.iter().any(|kind| text.starts_with(kind.prefix())) {
             return text.parse().map(Cameras::Streams);
         }
         let kind = text.split_once(':').map_or("", |(kind, _)| kind);
@@ -106,6 +125,16 @@ impl FromStr for Cameras {
             return Err(format!("expected {expected}, found {text:?} (a program of that name: ./{text})"));
         }
         Ok(Cameras::Program(text.into()))
+    }
+}
+
+impl Streams {
+    /// A source for each of so many cameras: one recording has all of them.
+    pub fn spread(&self, cameras: usize) -> Vec<Stream> {
+        match &self.0[..] {
+            [one] if one.kind == StreamKind::Mcap => vec![one.clone(); cameras],
+            all => all.to_vec(),
+        }
     }
 }
 
@@ -122,8 +151,8 @@ impl FromStr for Stream {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let refused = || format!("expected {FORMS} for each camera, found {text:?}");
-        let kinds = [StreamKind::Y4m, StreamKind::V4l2];
-        let found = kinds.into_iter().find_map(|kind| Some((kind, text.strip_prefix(kind.prefix())?)));
+        let found =
+            StreamKind::ALL.into_iter().find_map(|kind| Some((kind, text.strip_prefix(kind.prefix())?)));
         let (kind, place) = found.ok_or_else(refused)?;
         let (path, options) = place.split_once('?').map_or((place, None), |(p, o)| (p, Some(o)));
         if path.is_empty() {
@@ -142,11 +171,14 @@ impl Stream {
     fn take(&mut self, option: &str) -> Result<(), String> {
         let (key, value) = option.split_once('=').unwrap_or((option, ""));
         let again = match key {
-            "parity" => self.parity.is_some(),
+            "parity" if self.kind != StreamKind::Mcap => self.parity.is_some(),
             "exposure_us" => self.wanted.exposure_us.is_some(),
             "gain" => self.wanted.gain.is_some(),
             "trigger" => self.wanted.trigger.is_some(),
-            _ if self.kind == StreamKind::Y4m => {
+            _ if self.kind == StreamKind::Mcap => {
+                return Err("expected nothing after the file: a recording says all of its fields".into());
+            }
+            _ if !self.kind.is_camera() => {
                 return Err("expected ?parity=0 or ?parity=1 after the path".into());
             }
             _ => return Err("expected parity, exposure_us, gain or trigger after the device".into()),
@@ -154,7 +186,7 @@ impl Stream {
         if again {
             return Err(format!("expected {key} once"));
         }
-        if key != "parity" && self.kind == StreamKind::Y4m {
+        if key != "parity" && !self.kind.is_camera() {
             return Err(format!("expected no {key}: pictures from a pipe or a file are as they are"));
         }
         match key {
@@ -230,12 +262,21 @@ mod tests {
             ("./virtual", Cameras::Program("./virtual".into())),
             ("/opt/rig:1/driver", Cameras::Program("/opt/rig:1/driver".into())),
             ("y4m:a", streams(&[stream("a", None)])),
+            ("mcap:a.mcap", streams(&[Stream { kind: StreamKind::Mcap, ..stream("a.mcap", None) }])),
             ("y4m:a,y4m:/b/c?parity=1,y4m:d?parity=0", {
                 streams(&[stream("a", None), stream("/b/c", Some(1)), stream("d", Some(0))])
             }),
             ("v4l2:/dev/video0?parity=1&exposure_us=2000&gain=-4&trigger=external,y4m:a", {
                 let device = Stream { kind: StreamKind::V4l2, wanted: set, ..stream("/dev/video0", Some(1)) };
                 streams(&[device, stream("a", None)])
+            }),
+            ("genicam:Aravis-Fake-GV02?gain=-4,genicam:192.168.0.7", {
+                let named = |name, gain| Stream {
+                    kind: StreamKind::Genicam,
+                    wanted: Wanted { gain, ..Wanted::default() },
+                    ..stream(name, None)
+                };
+                streams(&[named("Aravis-Fake-GV02", Some(-4)), named("192.168.0.7", None)])
             }),
         ] {
             let read: Cameras = text.parse().unwrap();
@@ -256,7 +297,11 @@ mod tests {
             ("y4m:a?rate=50", "?parity=0 or ?parity=1"),
             ("y4m:?parity=1", "expected y4m:PATH"),
             ("y4m:a?gain=4", "expected no gain: pictures from a pipe or a file are as they are"),
-            ("v4l2:", "expected y4m:PATH or v4l2:/dev/videoN"),
+            ("v4l2:", "expected y4m:PATH, mcap:FILE, v4l2:/dev/videoN or genicam:NAME"),
+            ("genicam:?gain=1", "expected y4m:PATH, mcap:FILE, v4l2:/dev/videoN or genicam:NAME"),
+            ("mcap:a?parity=1", "expected nothing after the file"),
+            ("mcap:a?gain=1", "expected"),
+            ("genicam:a?speed=1", "expected parity, exposure_us, gain or trigger"),
             ("v4l2:/dev/video0?brightness=3", "expected parity, exposure_us, gain or trigger"),
             ("v4l2:/dev/video0?exposure_us=0", "exposure_us=1 to 1000000, found \"exposure_us=0\""),
             ("v4l2:/dev/video0?gain=much", "expected gain=NUMBER"),

@@ -95,6 +95,16 @@ pub struct RigArgs {
 }
 handed_on!(RigArgs: rig);
 
+/// What the camera hardware finds in pictures.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct ExtractionArgs {
+    /// What the cameras take for which colour: a file of vitreo commission or vitreo colours learn
+    /// [default: the shipped colours].
+    #[arg(long, value_name = "FILE.toml")]
+    pub colours: Option<PathBuf>,
+}
+handed_on!(ExtractionArgs: colours);
+
 /// What is in the eye.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct SceneArgs {
@@ -215,6 +225,8 @@ mod tests {
         #[command(flatten)]
         rig: RigArgs,
         #[command(flatten)]
+        extraction: ExtractionArgs,
+        #[command(flatten)]
         scene: SceneArgs,
         #[command(flatten)]
         cameras: VirtualRigArgs,
@@ -226,7 +238,7 @@ mod tests {
 
     #[test]
     fn what_is_handed_on_is_read_as_it_was_given() {
-        let given = "--rig r.json --scene peel --seed 7 --motion m.csv --motion-full --direct --faults mild \
+        let given = "--rig r.json --colours c.toml --scene peel --seed 7 --motion m.csv --motion-full --direct --faults mild \
                      --fault-log f.jsonl --collision cpu --fundus a.jpg --fundus-eye right --instruments d \
                      --arrange anaglyph --full-screen --monitor 1 --show-dose --stills s --video v.mp4 \
                      --lose-device-after 3";
@@ -234,6 +246,7 @@ mod tests {
         let line = Line::try_parse_from(std::iter::once(&"x").chain(&words)).unwrap();
         let mut handed = Arguments::default();
         line.rig.hand_on(&mut handed);
+        line.extraction.hand_on(&mut handed);
         line.scene.hand_on(&mut handed);
         line.cameras.hand_on(&mut handed);
         line.collision.hand_on(&mut handed);

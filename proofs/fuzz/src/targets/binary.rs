@@ -12,10 +12,11 @@ use ipc::trace::json::FieldTrace;
 use ipc::trace::part::TracePart;
 use ipc::trace::{About, Trace, TraceArgs};
 use protocol::blobs::BlobField;
+use protocol::fields::{FieldHeader, FieldPicture, PixelFormat};
 use protocol::health::Process;
 use protocol::journal;
 use protocol::phases::Phase;
-use recording::Recording;
+use recording::{PixelsHead, PixelsReader, PixelsWriter, Recording};
 use renderer::tools::TOOLS;
 use results::Store;
 use results::store::Filter;
@@ -39,6 +40,7 @@ pub fn targets() -> Vec<Target> {
         |name, run, seeds, longest| Target { name, kind: Kind::Recording, run, seeds, layout: None, longest };
     vec![
         target("recording", recording, corpus::recordings, 160 << 10),
+        target("pixels", pixels, pixel_recordings, 32 << 10),
         target("journal", journal, corpus::journals, 64 << 10),
         target("state", checkpoint, checkpoints, 512 << 10),
         target("tracker-state", tracker_checkpoint, tracker_checkpoints, 256 << 10),
@@ -82,6 +84,53 @@ fn recording(bytes: &[u8]) {
             black_box(read.map_or(0, |items| items.len()));
         }
     });
+}
+
+fn pixels(bytes: &[u8]) {
+    FILE.with(|file| {
+        let Ok(mut reader) = PixelsReader::open(file.with(bytes), None) else { return };
+        let mut samples = Vec::new();
+        while let Ok(Some(header)) = reader.next(&mut samples) {
+            assert_eq!(samples.len(), header.bytes());
+            // Planes of the largest sensors would take the time of a hundred inputs.
+            if header.width * header.height <= 1 << 16 {
+                let mut planes = FieldPicture::of_size([header.width, header.height].map(|n| n as usize));
+                black_box(fpga_model::pixels::decode(&header, &samples, &mut planes));
+            }
+        }
+    });
+}
+
+/// Two fields of one camera, in planes and behind a mosaic.
+fn pixel_recordings() -> Vec<Vec<u8>> {
+    let head = PixelsHead { rig_json: "{}".into(), cameras: vec![0], field_hz: 50.0, realtime_offset_ns: 7 };
+    let made = |format: PixelFormat| {
+        let file = tempfile::NamedTempFile::new().expect("a file");
+        let target = file.reopen().expect("a file");
+        let mut writer = PixelsWriter::on(target, file.path(), &head).expect("a recording");
+        for field in 0..2 {
+            let (width, height, lines, format) = (32, 16, 16, format as u32);
+            let [exposed_ns, first_line_ns, line_period_ns] = [1_000, 2_000, 64];
+            let (camera, parity) = (0, (field % 2) as u32);
+            let header = FieldHeader {
+                field,
+                exposed_ns,
+                first_line_ns,
+                line_period_ns,
+                camera,
+                parity,
+                format,
+                width,
+                height,
+                lines,
+            };
+            let samples: Vec<u8> = (0..header.bytes()).map(|i| (i * 7) as u8).collect();
+            writer.write(&header, &samples).expect("a field");
+        }
+        writer.finish().expect("a recording");
+        std::fs::read(file.path()).expect("bytes")
+    };
+    vec![made(PixelFormat::Yuyv), made(PixelFormat::BayerRg8)]
 }
 
 fn journal(bytes: &[u8]) {

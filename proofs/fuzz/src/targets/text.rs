@@ -178,13 +178,14 @@ fn file_kind(bytes: &[u8]) {
 }
 
 /// Command lines that show every option with a value of a form of its own.
-const ARGUMENTS: [&str; 23] = [
+const ARGUMENTS: [&str; 24] = [
     "vitreo run --duration 2.5 --percentile 99.9 --scene peel --picture side-by-side --budgets b.toml",
     "vitreo run --delay tracking=5 --delay camera=3.5 --faults mild,dropped --collision cpu",
     "vitreo play --input mouse --module navigation --level 2 --trainee anna",
     "vitreo replay a.mcap --speed 0.5 --from 1 --to 2.5 --poses p.csv --display-hz 60 --lead-ms 15",
     "vitreo export a.mcap --csv poses -o t.csv",
     "vitreo run --record a.mcap --split 10m --compress lz4",
+    "vitreo run --rig r.json --cameras genicam:10.0.0.7?gain=3,mcap:a.mcap --colours c.toml",
     "vitreo cut a.mcap --from 1 --split 500MB --compress none -o b.mcap",
     "vitreo film --module peeling --level 1 --length 20 --every-s 2 --tier 3",
     "vitreo score a.mcap --jobs 2 --shard 0/4 --csv s.csv",

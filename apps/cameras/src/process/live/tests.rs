@@ -2,10 +2,13 @@
 
 use super::*;
 use crate::device::{Stamp, StampClock};
+use crate::process::line::Line;
 use fpga_model::input::packed::Packing;
 use rig::Rig;
 use std::collections::VecDeque;
 use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{channel, sync_channel};
 
 const MS: u64 = 1_000_000;
@@ -68,13 +71,18 @@ impl Device for Script {
     }
 
     fn next(&mut self, _wait_ms: i64) -> io::Result<Option<Buffer<'_>>> {
-        let (luma, ns, sequence, field, missing, is_damaged) = match self.acts.pop_front() {
+        let (luma, ns, sequence, field, missing, damage) = match self.acts.pop_front() {
             Some(Act::Bring(luma, ns, sequence, field, missing)) => {
-                (luma, ns, sequence, field, missing, false)
+                (luma, ns, sequence, field, missing, None)
             }
-            Some(Act::Damage(sequence)) => {
-                (99, NOW - 800 * MS + u64::from(sequence) * 2 * P, sequence, INTERLACED, 0, true)
-            }
+            Some(Act::Damage(sequence)) => (
+                99,
+                NOW - 800 * MS + u64::from(sequence) * 2 * P,
+                sequence,
+                INTERLACED,
+                0,
+                Some("lacks packets"),
+            ),
             Some(Act::Fail(number)) => return Err(io::Error::from_raw_os_error(number)),
             Some(Act::Nothing) => return Ok(None),
             Some(Act::Stop) | None => {
@@ -85,7 +93,7 @@ impl Device for Script {
         self.bytes = [luma, 128].repeat(self.layout.bytes() / 2);
         self.bytes.truncate(self.layout.bytes() - missing);
         let stamp = Stamp { ns, clock: StampClock::Monotonic, is_start: false };
-        Ok(Some(Buffer { bytes: &self.bytes, stamp, sequence, field, is_damaged }))
+        Ok(Some(Buffer { bytes: &self.bytes, stamp, sequence, field, damage }))
     }
 }
 
@@ -102,7 +110,8 @@ fn told(openings: &[Option<&[Act]>], lines: u32) -> Vec<Told> {
     let role = Role { frame_px: [32, 16], scan: sensor.scan };
     let clock = || (NOW, 0);
     let rope = bell.rope();
-    LiveReader { opener, role, sensor, period_ns: P, clock, outbox, spare: spares, rope, stop }.run();
+    let line = Line { outbox, spare: spares, rope, stop };
+    LiveReader { opener, role, sensor, period_ns: P, clock, line }.run();
     inbox.try_iter().collect()
 }
 
@@ -139,7 +148,7 @@ fn frames_come_with_their_instants_and_what_was_lost() {
             "picture 40, first",
             "picture 41",
             "picture 42, 2 lost",
-            "refused: brings a picture that is left out: marks a picture as damaged",
+            "refused: brings a picture that lacks packets and is left out",
             "picture 43, 1 lost",
         ]
     );

@@ -40,6 +40,7 @@ pub(crate) fn report() -> Report {
             rig: "r".into(),
             seed: 1,
             source: "script".into(),
+            colours: "shipped".into(),
             view: "none",
             realtime: false,
             injected_delays_ms: BTreeMap::new(),

@@ -176,6 +176,7 @@ fn setup(args: &RunArgs, view: View, provenance: &Provenance) -> Setup {
         rig: args.rig.rig.as_deref().map_or("shipped".into(), path),
         seed: args.virtual_rig.seed,
         source,
+        colours: args.extraction.colours.as_deref().map_or("shipped".into(), path),
         view: match view {
             View::Window => "window",
             View::Headless => "headless",
