@@ -69,15 +69,16 @@ impl OwnClock {
         self.slope = self.fitted();
     }
 
-    /// Slope of the line of least squares through what is kept; 0 while that is little.
+    /// Slope of the line of least squares through what is kept of the stretches that are over: the least of the
+    /// present one may be still to come. 0 while that is little.
     fn fitted(&self) -> f64 {
-        let count = self.least.len();
+        let count = self.least.len().saturating_sub(1);
+        let over = || self.least.iter().take(count);
         let Some(first) = self.least.front().filter(|_| count >= SLOPED) else { return 0.0 };
         let from = |l: &Least| ((l.stamp - first.stamp) as f64, l.ahead.saturating_sub(first.ahead) as f64);
-        let mean =
-            |of: fn((f64, f64)) -> f64| self.least.iter().map(|l| of(from(l))).sum::<f64>() / count as f64;
+        let mean = |of: fn((f64, f64)) -> f64| over().map(|l| of(from(l))).sum::<f64>() / count as f64;
         let (x_mean, y_mean) = (mean(|(x, _)| x), mean(|(_, y)| y));
-        let sums = self.least.iter().map(from).map(|(x, y)| (x - x_mean, y - y_mean));
+        let sums = over().map(from).map(|(x, y)| (x - x_mean, y - y_mean));
         let (xx, xy) = sums.fold((0.0, 0.0), |(xx, xy), (x, y)| (xx + x * x, xy + x * y));
         if xx > 0.0 { (xy / xx).clamp(-STEEPEST, STEEPEST) } else { 0.0 }
     }

@@ -43,7 +43,7 @@ fn blobs_of_a_recording_are_those_of_clips() {
     let mut list = String::new();
     for number in 0..FIELDS {
         for i in 0..count {
-            let mut exposure = cameras.expose(i, &mut surgeon, number);
+            let mut exposure = cameras.expose(i, &mut surgeon, number + 1);
             let header = exposure.header();
             let mut payload = vec![0; header.bytes()];
             exposure.paint(&mut payload);
