@@ -49,7 +49,7 @@ enum Kind {
     Stills(VecDeque<PathBuf>),
     Clip(Clip<Input>),
     Camera(Camera),
-    Recorded(Recorded),
+    Recorded(Box<Recorded>),
 }
 
 /// The fields of one camera.
@@ -294,7 +294,7 @@ fn recorded(path: &Path, reading: &Reading) -> Result<Vec<Feed>> {
     let cameras = Recorded::head(path)?.cameras;
     let (most, found) = (MAX_CAMERAS, cameras.len());
     ensure!(found <= most, "{}: expected at most {most} cameras, found {found}", path.display());
-    let feed = |camera: u32| Ok(Feed::new(Kind::Recorded(Recorded::open(path, camera)?), reading));
+    let feed = |camera: u32| Ok(Feed::new(Kind::Recorded(Box::new(Recorded::open(path, camera)?)), reading));
     cameras.into_iter().map(feed).collect()
 }
 

@@ -56,13 +56,13 @@ struct Look {
 /// Where all fields are kept.
 enum Fields {
     Clips(Clips),
-    Pixels(Pixels),
+    Pixels(Box<Pixels>),
 }
 
 impl Fields {
     fn begin(to: &Path, cameras: usize, rig: &Rig, outputs: &mut Outputs) -> Result<Self> {
         if to.extension().is_some_and(|ending| ending == "mcap") {
-            return Pixels::begin(to, cameras, rig, outputs).map(Fields::Pixels);
+            return Ok(Fields::Pixels(Box::new(Pixels::begin(to, cameras, rig, outputs)?)));
         }
         outputs.claim_folder(to, CLIPS)?;
         Clips::begin(to, cameras, rig.field_hz, outputs).map(Fields::Clips)

@@ -31,8 +31,11 @@ fn written(path: &Path, fields: &[(FieldHeader, Vec<u8>)]) {
     writer.finish().unwrap();
 }
 
+/// A field and its samples.
+type Kept = (FieldHeader, Vec<u8>);
+
 /// All fields that can be read, whether the file was cut, and how it ended.
-fn read(path: &Path, camera: Option<u32>) -> (Vec<(FieldHeader, Vec<u8>)>, bool, Result<(), RecordingError>) {
+fn read(path: &Path, camera: Option<u32>) -> (Vec<Kept>, bool, Result<(), RecordingError>) {
     let (mut all, mut samples) = (Vec::new(), Vec::new());
     let mut reader = match PixelsReader::open(path, camera) {
         Ok(reader) => reader,
