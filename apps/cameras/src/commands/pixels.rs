@@ -32,11 +32,15 @@ impl Pixels {
         Ok(Pixels { file, writer, samples: Vec::new() })
     }
 
-    /// Keeps a field, all of its lines.
+    /// Keeps a field, all of its lines. One without an instant is passed over: only the first of invented cameras, at
+    /// the origin of their time, has none.
     ///
     /// # Errors
     /// Where the file cannot be written.
     pub fn keep(&mut self, header: &FieldHeader, picture: &Picture) -> Result<()> {
+        if header.exposed_ns == 0 {
+            return Ok(());
+        }
         self.file.appear()?;
         let header = FieldHeader { format: FORMAT_YCBCR_422, lines: picture.height as u32, ..*header };
         self.samples.clear();

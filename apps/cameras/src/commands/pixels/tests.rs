@@ -52,6 +52,8 @@ fn blobs_of_a_recording_are_those_of_clips() {
             let FieldPicture { width, height, luma, blue, red } = planes;
             let picture = Picture { width, height, luma, blue, red, as_read: Vec::new() };
             packed.keep(&header, &picture).unwrap();
+            // What no reader takes is not written.
+            packed.keep(&FieldHeader { exposed_ns: 0, ..header }, &picture).unwrap();
             clips.keep(i, number, header.parity, &picture).unwrap();
             let (cam, parity, out) = (header.camera, header.parity, header.read_out_ns());
             let (seq, taken) = (header.field, header.exposed_ns);
