@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SECONDS = 12
 BODIES = {"Instrument0ToWorld": 0, "Instrument1ToWorld": 1, "EyeToWorld": 2}
 NAMES = [*BODIES, "Instrument0ToEye", "Instrument1ToEye", "WorldToEye"]
-# It is 3 % on a shared virtual machine, and should be 1 %.
+# It is 2.5 % on a shared virtual machine, 1.4 % of it what any program takes that sends as much (docs/bridge.md).
 MOST_CPU = 0.05
 
 

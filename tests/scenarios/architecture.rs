@@ -90,7 +90,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ),
     ("controls", &["protocol", "ipc", "outputs", "rig", "settings", "scene"]),
     ("igtl", &[]),
-    ("bridge", &["protocol", "ipc", "outputs", "settings", "igtl", "driver"]),
+    ("bridge", &["protocol", "ipc", "outputs", "settings", "recording", "igtl", "driver"]),
     (
         "launcher",
         &[
@@ -151,6 +151,7 @@ const OWNERS: &[(&str, &[&str])] = &[
     ("tokio", &["launcher", "replay", "bridge"]),
     ("object_store", &["replay"]),
     ("futures-util", &["replay"]),
+    ("foxglove", &["recording", "bridge"]),
 ];
 /// Folders of crates that ship with nothing.
 const PROOF_FOLDERS: [&str; 2] = ["proofs/", "tests/"];

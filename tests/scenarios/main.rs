@@ -21,6 +21,7 @@ mod hostile;
 mod instruments;
 mod live_blobs;
 mod live_cameras;
+mod live_viewers;
 mod logging;
 mod looking;
 mod modules;

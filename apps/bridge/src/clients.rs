@@ -1,209 +1,260 @@
-//! The programs that are connected: each has a task of its own, and what one does not read delays no other.
+//! The programs that are connected: what one does not read delays no other.
+//!
+//! Everything is done by the thread that also reads the poses: a frame is one `write` a client, and nobody is woken
+//! for it. What the system does not take at once waits here, a little.
 
 use anyhow::Context;
 use igtl::Reader;
 use ipc::logging::message;
+use protocol::time::Nanos;
+use rustix::event::epoll::{self, EventData, EventFlags};
+use rustix::net::sockopt::set_socket_send_buffer_size;
+use rustix::time::Timespec;
 use settings::commands::bridge::Listen;
-use std::io;
-use std::net::SocketAddr;
+use std::collections::{BTreeMap, VecDeque};
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Duration;
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
-use tokio::net::{TcpListener, TcpSocket, TcpStream, lookup_host};
-use tokio::sync::broadcast::{self, error::RecvError};
-use tokio::time::timeout;
 use tracing::Level;
 
 /// Frames that wait for a slow client; then it misses the oldest. At 200 Hz more than a second.
 const WAITING: usize = 256;
-/// A client that has read nothing for so long is closed.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// A client that has read nothing for so long is closed, ns.
+const PATIENCE_NS: u64 = 5_000_000_000;
 /// Clients at a time.
 const CLIENTS: usize = 16;
 /// Bytes that the system keeps for a client that reads slowly: some tenths of a second.
-const KEPT_BYTES: u32 = 32_768;
+const KEPT_BYTES: usize = 32_768;
 /// Bytes of a client that are read at a time.
 const READ_BYTES: usize = 4096;
-/// After a failure to accept, for want of descriptors for instance.
-const PAUSE: Duration = Duration::from_millis(200);
+/// After a failure to accept, for want of descriptors for instance, ns.
+const PAUSE_NS: u64 = 200_000_000;
+/// What the listener is called among the descriptors; clients count from 1.
+const LISTENER: u64 = 0;
 
-/// One frame's messages, for all clients.
-type Frame = Arc<[u8]>;
-
-/// Hands frames on to the clients.
-#[derive(Debug, Clone)]
+/// The clients.
+#[derive(Debug)]
 pub struct Clients {
-    frames: broadcast::Sender<Frame>,
-    count: Arc<AtomicUsize>,
+    listener: TcpListener,
+    /// Tells which of listener and clients want something.
+    interest: OwnedFd,
+    clients: BTreeMap<u64, Client>,
+    next: u64,
+    /// Until then nobody is taken; 0 where that has not failed.
+    deaf_until_ns: Nanos,
+}
+
+#[derive(Debug)]
+struct Client {
+    stream: TcpStream,
+    who: SocketAddr,
+    reader: Reader,
+    /// What the system has not taken yet, and how much of the first frame it has.
+    waiting: VecDeque<Arc<[u8]>>,
+    begun: usize,
+    /// When the system last took something, or had nothing to take.
+    taken_ns: Nanos,
+    sent: u64,
+    missed: u64,
 }
 
 impl Clients {
-    /// Listens for clients, and serves them from tasks of their own. Returns the address too, whose port
-    /// may have been the system's choice.
+    /// Listens for clients. Returns the address too, whose port may have been the system's choice.
     ///
     /// # Errors
     /// Where the address cannot be used.
-    pub async fn listen(at: &Listen) -> anyhow::Result<(Self, SocketAddr)> {
-        let listener = bind(at).await.with_context(|| format!("listen on {at}"))?;
+    pub fn listen(at: &Listen) -> anyhow::Result<(Self, SocketAddr)> {
+        let host = at.host.trim_matches(['[', ']']);
+        let listener = TcpListener::bind((host, at.port)).with_context(|| format!("listen on {at}"))?;
+        listener.set_nonblocking(true)?;
         let address = listener.local_addr()?;
-        let (frames, _) = broadcast::channel(WAITING);
-        let clients = Clients { frames, count: Arc::default() };
-        tokio::spawn(clients.clone().accept(listener));
-        Ok((clients, address))
+        let interest = epoll::create(epoll::CreateFlags::CLOEXEC)?;
+        epoll::add(&interest, &listener, EventData::new_u64(LISTENER), EventFlags::IN)?;
+        Ok((Clients { listener, interest, clients: BTreeMap::new(), next: 1, deaf_until_ns: 0 }, address))
     }
 
-    /// Hands a frame on; without clients it is forgotten.
-    pub fn send(&self, frame: Vec<u8>) {
-        // Fails where nobody listens.
-        let _ = self.frames.send(frame.into());
+    /// Readable while somebody wants something: then [`Clients::serve`].
+    pub fn wants(&self) -> BorrowedFd<'_> {
+        self.interest.as_fd()
     }
 
     /// How many are connected.
     pub fn count(&self) -> usize {
-        self.count.load(Ordering::Relaxed)
+        self.clients.len()
     }
 
-    async fn accept(self, listener: TcpListener) {
-        loop {
-            match listener.accept().await {
-                Ok((stream, who)) if self.count() >= CLIENTS => {
-                    message(Level::WARN, &format!("{who} was turned away: {CLIENTS} clients at a time"));
-                    drop(stream);
+    /// Takes new clients, reads what they say, writes what waits for them, and closes those that are gone or do not
+    /// read. To be called where somebody wants something, and now and then.
+    pub fn serve(&mut self, now: Nanos) {
+        self.hear_again(now);
+        let nothing = epoll::Event { flags: EventFlags::empty(), data: EventData::new_u64(0) };
+        let mut events = [nothing; CLIENTS + 1];
+        let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
+        let found = epoll::wait(&self.interest, &mut events[..], Some(&at_once)).unwrap_or(0);
+        for event in &events[..found] {
+            let epoll::Event { data, .. } = *event;
+            match data.u64() {
+                LISTENER => self.accept(now),
+                id => self.attend(id, now),
+            }
+        }
+        let late = |c: &Client| !c.waiting.is_empty() && now.saturating_sub(c.taken_ns) > PATIENCE_NS;
+        let late: Vec<u64> = self.clients.iter().filter(|(_, c)| late(c)).map(|(id, _)| *id).collect();
+        for id in late {
+            self.close(id, &format!("is closed, it has read nothing for {} s", PATIENCE_NS / 1_000_000_000));
+        }
+    }
+
+    /// Hands a frame on; without clients it is forgotten.
+    pub fn send(&mut self, frame: &[u8], now: Nanos) {
+        let mut kept: Option<Arc<[u8]>> = None;
+        let mut gone = Vec::new();
+        for (id, client) in &mut self.clients {
+            let before = client.waiting.len();
+            match client.take(frame, &mut kept, now) {
+                Ok(()) if before == 0 && !client.waiting.is_empty() => {
+                    watch(&self.interest, &client.stream, *id, true);
                 }
-                Ok((stream, who)) => {
-                    self.count.fetch_add(1, Ordering::Relaxed);
-                    let (frames, count) = (self.frames.subscribe(), Arc::clone(&self.count));
-                    tokio::spawn(async move {
-                        serve(stream, who, frames).await;
-                        count.fetch_sub(1, Ordering::Relaxed);
-                    });
-                }
-                Err(problem) => {
-                    message(Level::WARN, &format!("a client could not be taken: {problem}"));
-                    tokio::time::sleep(PAUSE).await;
-                }
+                Ok(()) => {}
+                Err(problem) => gone.push((*id, format!("is gone ({problem})"))),
+            }
+        }
+        gone.iter().for_each(|(id, why)| self.close(*id, why));
+    }
+
+    /// Closes all.
+    pub fn end(&mut self) {
+        let all: Vec<u64> = self.clients.keys().copied().collect();
+        all.into_iter().for_each(|id| self.close(id, "is closed, the bridge ends"));
+    }
+
+    fn accept(&mut self, now: Nanos) {
+        match self.listener.accept() {
+            Ok((_, who)) if self.count() >= CLIENTS => {
+                message(Level::WARN, &format!("{who} was turned away: {CLIENTS} clients at a time"));
+            }
+            Ok((stream, who)) => match self.take_in(stream, who, now) {
+                Ok(()) => message(Level::INFO, &format!("{who} is connected")),
+                Err(problem) => message(Level::WARN, &format!("{who} could not be taken: {problem}")),
+            },
+            Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
+            Err(problem) => {
+                message(Level::WARN, &format!("a client could not be taken: {problem}"));
+                // It goes on wanting to be taken, which must not keep this thread busy.
+                let _ = epoll::delete(&self.interest, &self.listener);
+                self.deaf_until_ns = now + PAUSE_NS;
             }
         }
     }
-}
 
-/// Listens on the first address that can be used.
-async fn bind(at: &Listen) -> io::Result<TcpListener> {
-    let mut problem = io::Error::new(io::ErrorKind::AddrNotAvailable, "no such address");
-    for address in lookup_host((at.host.trim_matches(['[', ']']), at.port)).await? {
-        match bind_to(address) {
-            Ok(listener) => return Ok(listener),
-            Err(e) => problem = e,
+    fn hear_again(&mut self, now: Nanos) {
+        if self.deaf_until_ns > 0 && now >= self.deaf_until_ns {
+            let added =
+                epoll::add(&self.interest, &self.listener, EventData::new_u64(LISTENER), EventFlags::IN);
+            self.deaf_until_ns = if added.is_ok() { 0 } else { now + PAUSE_NS };
         }
     }
-    Err(problem)
-}
 
-fn bind_to(address: SocketAddr) -> io::Result<TcpListener> {
-    let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
-    socket.set_reuseaddr(true)?;
-    // Connections inherit it: who reads slowly misses frames, and does not read old ones.
-    socket.set_send_buffer_size(KEPT_BYTES)?;
-    socket.bind(address)?;
-    socket.listen(CLIENTS as u32)
-}
+    fn take_in(&mut self, stream: TcpStream, who: SocketAddr, now: Nanos) -> io::Result<()> {
+        stream.set_nonblocking(true)?;
+        // Small messages that must not wait for others.
+        stream.set_nodelay(true)?;
+        // Who reads slowly misses frames, and does not read old ones.
+        set_socket_send_buffer_size(&stream, KEPT_BYTES)?;
+        epoll::add(&self.interest, &stream, EventData::new_u64(self.next), EventFlags::IN)?;
+        let (reader, waiting) = (Reader::default(), VecDeque::new());
+        let client = Client { stream, who, reader, waiting, begun: 0, taken_ns: now, sent: 0, missed: 0 };
+        self.clients.insert(self.next, client);
+        self.next += 1;
+        Ok(())
+    }
 
-/// Serves one client to its end, and says how that was.
-async fn serve(stream: TcpStream, who: SocketAddr, frames: broadcast::Receiver<Frame>) {
-    message(Level::INFO, &format!("{who} is connected"));
-    // Small messages that must not wait for others.
-    let _ = stream.set_nodelay(true);
-    let (read, write) = stream.into_split();
-    let mut sent = Sent::default();
-    let why = tokio::select! {
-        why = write_frames(write, frames, &mut sent) => why,
-        why = listen_to(read) => why,
-    };
-    let Sent { frames, missed } = sent;
-    let missed = if missed > 0 { format!(", {missed} missed") } else { String::new() };
-    message(Level::INFO, &format!("{who} {why}: {frames} frames sent{missed}"));
-}
-
-#[derive(Debug, Default)]
-struct Sent {
-    frames: u64,
-    missed: u64,
-}
-
-/// Writes frames until the client is gone or does not read; returns why.
-async fn write_frames(
-    mut to: OwnedWriteHalf,
-    mut frames: broadcast::Receiver<Frame>,
-    sent: &mut Sent,
-) -> String {
-    loop {
-        let frame = match frames.recv().await {
-            Ok(frame) => frame,
-            Err(RecvError::Lagged(missed)) => {
-                sent.missed += missed;
-                continue;
-            }
-            Err(RecvError::Closed) => return "is closed, the bridge ends".into(),
-        };
-        match timeout(PATIENCE, to.write_all(&frame)).await {
-            Ok(Ok(())) => sent.frames += 1,
-            Ok(Err(problem)) => return format!("is gone ({problem})"),
-            Err(_) => return format!("is closed, it has read nothing for {} s", PATIENCE.as_secs()),
+    /// One client wants something.
+    fn attend(&mut self, id: u64, now: Nanos) {
+        let Some(client) = self.clients.get_mut(&id) else { return };
+        let waited = !client.waiting.is_empty();
+        let done = client.listen().and_then(|()| client.write_on(now).map_err(|e| format!("is gone ({e})")));
+        match done {
+            Ok(()) if waited && client.waiting.is_empty() => watch(&self.interest, &client.stream, id, false),
+            Ok(()) => {}
+            Err(why) => self.close(id, &why),
         }
+    }
+
+    fn close(&mut self, id: u64, why: &str) {
+        let Some(Client { stream, who, sent, missed, .. }) = self.clients.remove(&id) else { return };
+        let _ = epoll::delete(&self.interest, &stream);
+        let missed = if missed > 0 { format!(", {missed} missed") } else { String::new() };
+        message(Level::INFO, &format!("{who} {why}: {sent} frames sent{missed}"));
     }
 }
 
-/// Reads what a client says, which asks for nothing here, until it is gone or says nonsense; returns why.
-async fn listen_to(mut from: OwnedReadHalf) -> String {
-    let (mut reader, mut bytes) = (Reader::default(), [0; READ_BYTES]);
-    loop {
-        match from.read(&mut bytes).await {
-            Ok(0) => return "is gone".into(),
-            Ok(n) => {
-                if let Err(broken) = reader.take(&bytes[..n], |_| {}) {
-                    return format!("is closed, it does not speak OpenIGTLink ({broken})");
-                }
+/// From now on a client is also told of when it can be written to, or no more.
+fn watch(interest: &OwnedFd, stream: &TcpStream, id: u64, writing: bool) {
+    let flags = if writing { EventFlags::IN | EventFlags::OUT } else { EventFlags::IN };
+    // A client of which nothing is told any more is closed when it has read nothing for long.
+    let _ = epoll::modify(interest, stream, EventData::new_u64(id), flags);
+}
+
+impl Client {
+    /// Writes a frame, or as much as the system takes; what it does not is kept, once for all in `kept`.
+    fn take(&mut self, frame: &[u8], kept: &mut Option<Arc<[u8]>>, now: Nanos) -> io::Result<()> {
+        if self.waiting.is_empty() {
+            self.taken_ns = now;
+            self.begun = write_some(&mut self.stream, frame)?;
+            if self.begun == frame.len() {
+                (self.begun, self.sent) = (0, self.sent + 1);
+                return Ok(());
             }
-            Err(problem) => return format!("is gone ({problem})"),
+        } else if self.waiting.len() >= WAITING {
+            // The first may have been begun.
+            self.waiting.remove(1);
+            self.missed += 1;
         }
+        self.waiting.push_back(Arc::clone(kept.get_or_insert_with(|| frame.into())));
+        Ok(())
+    }
+
+    /// Writes on of what waits.
+    fn write_on(&mut self, now: Nanos) -> io::Result<()> {
+        while let Some(frame) = self.waiting.front() {
+            let taken = write_some(&mut self.stream, &frame[self.begun..])?;
+            if taken > 0 {
+                self.taken_ns = now;
+            }
+            self.begun += taken;
+            if self.begun < frame.len() {
+                return Ok(());
+            }
+            self.waiting.pop_front();
+            (self.begun, self.sent) = (0, self.sent + 1);
+        }
+        Ok(())
+    }
+
+    /// Reads what it says, which asks for nothing here; why it is to be closed, where it is.
+    fn listen(&mut self) -> Result<(), String> {
+        let mut bytes = [0; READ_BYTES];
+        match self.stream.read(&mut bytes) {
+            Ok(0) => Err("is gone".into()),
+            Ok(n) => self
+                .reader
+                .take(&bytes[..n], |_| {})
+                .map_err(|broken| format!("is closed, it does not speak OpenIGTLink ({broken})")),
+            Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => Ok(()),
+            Err(problem) => Err(format!("is gone ({problem})")),
+        }
+    }
+}
+
+/// Writes as much as the system takes at once.
+fn write_some(stream: &mut TcpStream, bytes: &[u8]) -> io::Result<usize> {
+    match stream.write(bytes) {
+        Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => Ok(0),
+        written => written,
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use tokio::runtime::Builder;
-
-    /// Frames that together are larger than all buffers between two programs.
-    const LARGE: usize = 256 << 10;
-    const FRAMES: usize = 40;
-
-    #[test]
-    fn one_that_does_not_read_is_closed_and_delays_no_other() {
-        let runtime = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
-        runtime.block_on(async {
-            let (clients, address) = Clients::listen(&"0".parse().unwrap()).await.unwrap();
-            let deaf = TcpStream::connect(address).await.unwrap();
-            let mut reader = TcpStream::connect(address).await.unwrap();
-            while clients.count() < 2 {
-                tokio::time::sleep(Duration::from_millis(10)).await;
-            }
-            for i in 0..FRAMES {
-                clients.send(vec![i as u8; LARGE]);
-            }
-            let mut frame = vec![0; LARGE];
-            for i in 0..FRAMES {
-                reader.read_exact(&mut frame).await.unwrap();
-                assert_eq!([frame[0], frame[LARGE - 1]], [i as u8; 2]);
-            }
-            while clients.count() > 1 {
-                tokio::time::sleep(Duration::from_millis(10)).await;
-            }
-            drop(deaf);
-            clients.send(vec![7]);
-            assert_eq!(reader.read_u8().await.unwrap(), 7, "the other is still served");
-        });
-    }
-}
+mod tests;

@@ -11,7 +11,7 @@ use igtl::{Content, Message, STATUS_OK};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use protocol::geometry::{Pose, Validity};
 use protocol::limits::BODIES;
-use protocol::poses::{BodyState, BodyStatus, COVARIANCE_ENTRIES, EYE, TrackerFrame};
+use protocol::poses::{BODY_NAMES, BodyState, BodyStatus, COVARIANCE_ENTRIES, EYE, TrackerFrame};
 use protocol::predict::predict_body;
 use protocol::time::Nanos;
 
@@ -54,6 +54,8 @@ pub struct Incoming {
     measured_ns: [Nanos; BODIES],
     /// Said by a status beside the transforms.
     is_absent: [bool; BODIES],
+    /// When a transform of a body came last; 0 where none has.
+    came_ns: [Nanos; BODIES],
     field: u64,
     exposed_ns: Nanos,
 }
@@ -67,6 +69,7 @@ impl Incoming {
             motions: [None; BODIES],
             measured_ns: [0; BODIES],
             is_absent: [false; BODIES],
+            came_ns: [0; BODIES],
             field: first,
             exposed_ns: 0,
         }
@@ -98,6 +101,7 @@ impl Incoming {
             Ok(pose) => pose,
             Err(problem) => return Taken::Refused(format!("{}: {problem}", message.device)),
         };
+        self.came_ns[body] = arrived_ns;
         let is_next = |p: &Pending| p.came[body] || p.unix_ns != message.unix_ns;
         if self.pending.as_ref().is_some_and(is_next) {
             self.close(arrived_ns, &mut send);
@@ -115,6 +119,14 @@ impl Incoming {
             self.close(arrived_ns, &mut send);
         }
         Taken::Used
+    }
+
+    /// The bodies whose transform has not come since an instant, each with its transform's name.
+    pub fn missing_since(&self, at: Nanos) -> Vec<String> {
+        let bodies = self.map.bodies.iter().zip(BODY_NAMES).zip(self.came_ns);
+        let missing = bodies.filter(|(_, came)| *came < at);
+        let named = missing.filter_map(|((mapped, name), _)| Some((mapped.as_ref()?, name)));
+        named.map(|(mapped, name)| format!("{} ({name})", mapped.transform)).collect()
     }
 
     /// Gives the frame that is pending out.
@@ -247,8 +259,8 @@ mod tests {
 
     /// Hands the messages of a frame over, 3 ms after its instant.
     fn pass(incoming: &mut Incoming, writer: &mut Writer, frame: &TrackerFrame) -> Vec<TrackerFrame> {
-        let bytes = writer.frame(frame, OFFSET).unwrap();
-        let (mut all, mut sent) = (Vec::new(), Vec::new());
+        let (mut bytes, mut all, mut sent) = (Vec::new(), Vec::new(), Vec::new());
+        writer.frame(frame, OFFSET, &mut bytes).unwrap();
         Reader::default().take(&bytes, |m| all.push(m.unwrap())).unwrap();
         for message in &all {
             incoming.take(message, frame.instants.exposed + 3 * MS, OFFSET, |f| sent.push(*f));
@@ -325,6 +337,9 @@ mod tests {
             Validity::Measured,
             "an eye that nobody tracks stands still"
         );
+        assert_eq!(incoming.missing_since(40 * MS), ["A (inst0)"]);
+        assert_eq!(incoming.missing_since(50 * MS), ["A (inst0)"]);
+        assert_eq!(incoming.missing_since(30 * MS), Vec::<String>::new());
         assert_eq!(incoming.take(&message("C", 1), 0, 0, |_| {}), Taken::Unknown("C".into()));
         let mut mirrored = message("A", 1);
         mirrored.content = Content::Transform([[-1.0, 0.0, 0.0, 0.0], identity[1], identity[2]]);

@@ -1,9 +1,11 @@
-//! Poses of a running simulator for other programs, and those of another tracker for a run, by OpenIGTLink.
+//! Poses of a running simulator for other programs, and those of another tracker for a run, by OpenIGTLink; and all
+//! that viewers show of it.
 //!
-//! Outwards, one process which reads the channel `poses` as a recorder does and delays nobody:
+//! Outwards, one process which reads channels as a recorder does and delays nobody:
 //! - [`run`]: waits for a simulator, reads its poses, and goes on when it is started anew
 //! - [`transforms`]: a frame of the tracker as messages; pure
 //! - [`clients`]: sockets; a client that reads slowly misses messages, one that does not read is closed
+//! - [`viewers`]: the server of Foxglove's protocol
 //!
 //! Inwards, a driver of poses:
 //! - [`map`]: which transform is which body; [`incoming`]: transforms become frames; [`motion`]: and velocities; pure
@@ -16,3 +18,4 @@ pub mod motion;
 pub mod receive;
 pub mod run;
 pub mod transforms;
+pub mod viewers;

@@ -8,6 +8,7 @@ use igtl::{Content, HeaderVersion, Message, STATUS_NOT_PRESENT, STATUS_OK, TooLo
 use nalgebra::Isometry3;
 use protocol::geometry::Validity;
 use protocol::poses::{BodyState, BodyStatus, EYE, TrackerFrame};
+use std::fmt::Write;
 
 /// Transforms of a frame.
 pub const TRANSFORMS: usize = 6;
@@ -20,6 +21,8 @@ pub const NAMES: [&str; TRANSFORMS] = [
     "Instrument1ToEye",
     "WorldToEye",
 ];
+/// Place of the field's number in the metadata.
+const FRAME: usize = 1;
 /// Without metadata a status is sent when it changes and at least so often, ns.
 const STATUS_EVERY_NS: u64 = 1_000_000_000;
 
@@ -57,6 +60,8 @@ impl ToolStatus {
 pub struct Writer {
     version: HeaderVersion,
     id: u32,
+    /// The messages of the last frame, whose texts are written over.
+    messages: [Message; TRANSFORMS],
     /// What was last said of each transform, and when, where there is no metadata.
     told: [Option<(ToolStatus, u64)>; TRANSFORMS],
 }
@@ -65,14 +70,14 @@ impl Writer {
     /// For a version of the protocol, 1 to 3.
     pub fn new(protocol: u8) -> Self {
         let version = if protocol >= 3 { HeaderVersion::Two } else { HeaderVersion::One };
-        Writer { version, id: 0, told: [None; TRANSFORMS] }
+        Writer { version, id: 0, messages: NAMES.map(empty), told: [None; TRANSFORMS] }
     }
 
-    /// The messages of a frame. `offset_ns` is what is added to its instants to get the time since 1970.
+    /// Appends the messages of a frame. `offset_ns` is what is added to its instants to get the time since 1970.
     ///
     /// # Errors
     /// None with the names of [`NAMES`], which are as short as the protocol asks.
-    pub fn frame(&mut self, frame: &TrackerFrame, offset_ns: u64) -> Result<Vec<u8>, TooLong> {
+    pub fn frame(&mut self, frame: &TrackerFrame, offset_ns: u64, to: &mut Vec<u8>) -> Result<(), TooLong> {
         let [first, second, eye] = frame.bodies.map(|body| body.world_from_body.isometry());
         let eye_from_world = eye.inverse();
         let transforms =
@@ -83,35 +88,38 @@ impl Writer {
         let states = [of_first, of_second, of_eye, both(of_first), both(of_second), of_eye];
         let bodies = [Some(0), Some(1), Some(EYE), None, None, None];
         let unix_ns = frame.instants.exposed.wrapping_add(offset_ns);
-        let mut bytes = Vec::with_capacity(TRANSFORMS * 256);
         for i in 0..TRANSFORMS {
             self.id = self.id.wrapping_add(1);
-            let mut metadata =
-                vec![("Status".into(), states[i].word().into()), ("Frame".into(), frame.field.to_string())];
-            metadata.extend(bodies[i].map(|body| ("Tracking".into(), status_text(&frame.bodies[body]))));
-            let (device, id) = (NAMES[i].into(), self.id);
-            let content = Content::Transform(rows(&transforms[i]));
-            Message { device, unix_ns, id, metadata, content }.write(self.version, &mut bytes)?;
+            let message = &mut self.messages[i];
+            (message.unix_ns, message.id) = (unix_ns, self.id);
+            message.content = Content::Transform(rows(&transforms[i]));
+            let tracking = bodies[i].map_or("", |body| status_text(&frame.bodies[body]));
+            for ((_, text), value) in message.metadata.iter_mut().zip([states[i].word(), "", tracking]) {
+                text.clear();
+                text.push_str(value);
+            }
+            // Texts have room for it.
+            let _ = write!(message.metadata[FRAME].1, "{}", frame.field);
+            message.write(self.version, to)?;
             if self.version == HeaderVersion::One {
-                self.tell(i, states[i], unix_ns, &mut bytes)?;
+                self.tell(i, states[i], unix_ns, to)?;
             }
         }
-        Ok(bytes)
+        Ok(())
     }
 
-    /// What is said when nothing comes any more: every transform is missing.
+    /// Appends what is said when nothing comes any more: every transform is missing.
     ///
     /// # Errors
     /// None with the names of [`NAMES`].
-    pub fn ended(&mut self, unix_ns: u64) -> Result<Vec<u8>, TooLong> {
-        let mut bytes = Vec::new();
+    pub fn ended(&mut self, unix_ns: u64, to: &mut Vec<u8>) -> Result<(), TooLong> {
         for name in NAMES {
             self.id = self.id.wrapping_add(1);
             status(name, ToolStatus::Missing, "no simulator runs", unix_ns, self.id)
-                .write(self.version, &mut bytes)?;
+                .write(self.version, to)?;
         }
         self.told = [None; TRANSFORMS];
-        Ok(bytes)
+        Ok(())
     }
 
     /// Adds a status where it is due.
@@ -132,8 +140,16 @@ fn status(name: &str, state: ToolStatus, text: &str, unix_ns: u64, id: u32) -> M
     Message { device: name.into(), unix_ns, id, metadata: Vec::new(), content }
 }
 
-fn status_text(body: &BodyState) -> String {
-    BodyStatus::from_wire(body.status).map_or("unknown", BodyStatus::text).into()
+/// A transform's message before its first frame.
+fn empty(name: &str) -> Message {
+    let of_body = NAMES[..=EYE].contains(&name);
+    let keys = ["Status", "Frame", "Tracking"].into_iter().take(if of_body { 3 } else { 2 });
+    let metadata = keys.map(|key| (key.into(), String::new())).collect();
+    Message { device: name.into(), unix_ns: 0, id: 0, metadata, content: Content::Transform([[0.0; 4]; 3]) }
+}
+
+fn status_text(body: &BodyState) -> &'static str {
+    BodyStatus::from_wire(body.status).map_or("unknown", BodyStatus::text)
 }
 
 fn rows(target_from_source: &Isometry3<f64>) -> [[f32; 4]; 3] {
@@ -162,6 +178,13 @@ mod tests {
         frame
     }
 
+    /// The bytes of a frame.
+    fn written(writer: &mut Writer, frame: &TrackerFrame, offset_ns: u64) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        writer.frame(frame, offset_ns, &mut bytes).unwrap();
+        bytes
+    }
+
     fn read(bytes: &[u8]) -> Vec<Message> {
         let mut messages = Vec::new();
         Reader::default().take(bytes, |message| messages.push(message.unwrap())).unwrap();
@@ -182,7 +205,7 @@ mod tests {
     #[test]
     fn six_transforms_lead_from_each_frame_to_the_other() {
         let frame = frame();
-        let messages = read(&Writer::new(3).frame(&frame, 1_000).unwrap());
+        let messages = read(&written(&mut Writer::new(3), &frame, 1_000));
         assert_eq!(messages.iter().map(|m| &*m.device).collect::<Vec<_>>(), NAMES);
         assert!(messages.iter().all(|m| m.unix_ns == 5_000_001_000 && status_of(m) == "OK"));
         let p = Vector3::new(0.3, -0.7, 12.0);
@@ -203,7 +226,7 @@ mod tests {
         frame.bodies[0].validity = Validity::Predicted as u32;
         frame.bodies[EYE].validity = Validity::Lost as u32;
         frame.bodies[EYE].status = BodyStatus::TooFewMarkers as u32;
-        let messages = read(&Writer::new(3).frame(&frame, 0).unwrap());
+        let messages = read(&written(&mut Writer::new(3), &frame, 0));
         let states: Vec<&str> = messages.iter().map(status_of).collect();
         let out = "OUT_OF_VIEW";
         assert_eq!(states, ["MISSING", "OK", out, out, out, out]);
@@ -219,16 +242,18 @@ mod tests {
             };
             read(&bytes).into_iter().filter_map(code).collect()
         };
-        assert_eq!(statuses(writer.frame(&frame, 0).unwrap()).len(), TRANSFORMS, "at first");
+        assert_eq!(statuses(written(&mut writer, &frame, 0)).len(), TRANSFORMS, "at first");
         frame.instants.exposed += 20_000_000;
-        assert_eq!(statuses(writer.frame(&frame, 0).unwrap()), []);
+        assert_eq!(statuses(written(&mut writer, &frame, 0)), []);
         frame.bodies[1].validity = Validity::Lost as u32;
         frame.instants.exposed += 20_000_000;
         let gone = |name: &str| (name.to_owned(), STATUS_NOT_PRESENT);
-        let changed = statuses(writer.frame(&frame, 0).unwrap());
+        let changed = statuses(written(&mut writer, &frame, 0));
         assert_eq!(changed, [gone("Instrument1ToWorld"), gone("Instrument1ToEye")]);
         frame.instants.exposed += STATUS_EVERY_NS;
-        assert_eq!(statuses(writer.frame(&frame, 0).unwrap()).len(), TRANSFORMS, "once a second");
-        assert_eq!(statuses(writer.ended(0).unwrap()), NAMES.map(gone));
+        assert_eq!(statuses(written(&mut writer, &frame, 0)).len(), TRANSFORMS, "once a second");
+        let mut bytes = Vec::new();
+        writer.ended(0, &mut bytes).unwrap();
+        assert_eq!(statuses(bytes), NAMES.map(gone));
     }
 }

@@ -102,24 +102,25 @@ impl Message {
         let with_metadata = version == HeaderVersion::Two;
         if with_metadata {
             let texts: usize = self.metadata.iter().map(|(key, value)| key.len() + value.len()).sum();
-            to.extend((EXTENDED_BYTES as u16).to_be_bytes());
-            to.extend((2 + 8 * self.metadata.len() as u16).to_be_bytes());
-            to.extend((texts as u32).to_be_bytes());
-            to.extend(self.id.to_be_bytes());
+            to.extend_from_slice(&(EXTENDED_BYTES as u16).to_be_bytes());
+            to.extend_from_slice(&(2 + 8 * self.metadata.len() as u16).to_be_bytes());
+            to.extend_from_slice(&(texts as u32).to_be_bytes());
+            to.extend_from_slice(&self.id.to_be_bytes());
         }
         match &self.content {
             Content::Transform(rows) => {
                 // Column by column, the translation last.
-                let columns = (0..4).flat_map(|column| rows.iter().map(move |row| row[column]));
-                to.extend(columns.flat_map(f32::to_be_bytes));
+                for column in 0..4 {
+                    rows.iter().for_each(|row| to.extend_from_slice(&row[column].to_be_bytes()));
+                }
             }
             Content::Status { code, subcode, name, text } => {
-                to.extend(code.to_be_bytes());
-                to.extend(subcode.to_be_bytes());
+                to.extend_from_slice(&code.to_be_bytes());
+                to.extend_from_slice(&subcode.to_be_bytes());
                 let at = to.len();
                 to.resize(at + STATUS_NAME_BYTES, 0);
                 put_text(&mut to[at..], "name of a status", name)?;
-                to.extend(text.bytes());
+                to.extend_from_slice(text.as_bytes());
                 to.push(0);
             }
         }
@@ -130,7 +131,7 @@ impl Message {
     }
 
     fn write_metadata(&self, to: &mut Vec<u8>) -> Result<(), TooLong> {
-        to.extend((self.metadata.len() as u16).to_be_bytes());
+        to.extend_from_slice(&(self.metadata.len() as u16).to_be_bytes());
         for (key, value) in &self.metadata {
             let key_bytes = u16::try_from(key.len()).map_err(|_| TooLong {
                 what: "key of metadata",
@@ -138,11 +139,14 @@ impl Message {
                 limit: usize::from(u16::MAX),
                 found: key.len(),
             })?;
-            to.extend(key_bytes.to_be_bytes());
-            to.extend(if value.is_ascii() { ASCII } else { UTF_8 }.to_be_bytes());
-            to.extend((value.len() as u32).to_be_bytes());
+            to.extend_from_slice(&key_bytes.to_be_bytes());
+            to.extend_from_slice(&if value.is_ascii() { ASCII } else { UTF_8 }.to_be_bytes());
+            to.extend_from_slice(&(value.len() as u32).to_be_bytes());
         }
-        self.metadata.iter().for_each(|(key, value)| to.extend(key.bytes().chain(value.bytes())));
+        for (key, value) in &self.metadata {
+            to.extend_from_slice(key.as_bytes());
+            to.extend_from_slice(value.as_bytes());
+        }
         Ok(())
     }
 }

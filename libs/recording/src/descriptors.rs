@@ -7,6 +7,11 @@ use super::protobuf::{put_bytes, put_message, put_present};
 use super::{LAYOUTS, NOTE};
 use protocol::wire::{Field, Kind, Layout, Role};
 
+/// Name of a heartbeat's message, and its fields in the order of their numbers.
+pub(super) const HEALTH: &str = "Health";
+const HEALTH_FIELDS: [&str; 10] =
+    ["instant_ns", "process", "pid", "state", "text", "received", "sent", "lost", "refused", "cpu_ns"];
+
 /// Protobuf package of the messages.
 pub(super) const PACKAGE: &str = "vitreo";
 
@@ -34,14 +39,31 @@ struct Descriptor<'a> {
 /// The encoded `FileDescriptorSet` of one file with the message of a topic, and with those that it consists of.
 /// All messages in each schema would be nine tenths of a short recording.
 pub(super) fn file_descriptor_set(topic: usize) -> Vec<u8> {
+    match LAYOUTS[topic] {
+        Some(layout) => file_of(|out| put_layout(out, layout, &mut Vec::new())),
+        None => file_of(put_note),
+    }
+}
+
+/// As [`file_descriptor_set`], of the heartbeats, which are in no recording.
+pub(super) fn file_of_health() -> Vec<u8> {
+    file_of(|out| {
+        let kinds = [UINT64, STRING, UINT32, UINT32, STRING, UINT64, UINT64, UINT64, UINT64, UINT64];
+        let fields = HEALTH_FIELDS.into_iter().zip(kinds).zip(1..);
+        let field =
+            |((name, kind), number)| Descriptor { name, number, repeated: false, kind, type_name: None };
+        let fields: Vec<Descriptor<'_>> = fields.map(field).collect();
+        put_message(out, 4, |out| put_fields(out, HEALTH, &fields));
+    })
+}
+
+/// A file of messages, which `put` appends.
+fn file_of(put: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
     let mut out = Vec::new();
     put_message(&mut out, 1, |out| {
         put_bytes(out, 1, b"vitreo.proto");
         put_bytes(out, 2, PACKAGE.as_bytes());
-        match LAYOUTS[topic] {
-            Some(layout) => put_layout(out, layout, &mut Vec::new()),
-            None => put_note(out),
-        }
+        put(out);
         put_bytes(out, 12, b"proto3");
     });
     out

@@ -7,7 +7,8 @@
 //! descriptors are made from the layout of the blocks ([`protocol::wire`]), field by field; a field
 //! number is never used again, a reader skips fields that it does not know.
 //! Poses, log, pictures and matches are there a second time in Foxglove's own schemas (topics `/tf`, `/log`,
-//! `/picture`, `/camera0/matches`…; positions in mm), for viewers; the reader skips those.
+//! `/picture`, `/camera0/matches`…; positions in mm), for viewers; the reader skips those. [`live`] has the same
+//! messages for viewers that look on while a run goes on.
 //!
 //! Items are filed by instants of `CLOCK_MONOTONIC` in ns, and of the stream's own clock in an imported
 //! recording. In the file, log times and the timestamps for viewers are those of the wall clock: instants
@@ -27,6 +28,7 @@ mod disk;
 mod file_items;
 mod heads;
 mod items;
+pub mod live;
 mod note;
 mod packing;
 mod parts;

@@ -43,6 +43,12 @@ pub struct ShellArgs {
     pub trace: TraceArgs,
 }
 
+/// Has the system send SIGTERM to this process when the thread that started it ends.
+pub fn end_with_parent() {
+    let term = Some(rustix::process::Signal::TERM);
+    let _ = rustix::process::set_parent_process_death_signal(term);
+}
+
 /// A running process's ties to the launcher.
 pub struct Shell {
     process: Process,
@@ -77,8 +83,7 @@ impl Shell {
             })?;
         }
         if args.supervised {
-            let term = Some(rustix::process::Signal::TERM);
-            let _ = rustix::process::set_parent_process_death_signal(term);
+            end_with_parent();
         }
         let instance = Instance::join(&args.instance)?;
         let mut report: Health = bytemuck::Zeroable::zeroed();

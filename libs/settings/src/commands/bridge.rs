@@ -1,4 +1,4 @@
-//! The command line of `vitreo bridge`.
+//! The command line of `vitreo bridge`, and what a run takes of another tracker.
 
 use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
@@ -20,14 +20,27 @@ pub struct Listen {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Server(String);
 
+/// Another tracker in the place of cameras and of our tracker: `igtl:HOST:PORT[,MAP.toml]`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct OtherTracker {
+    /// Where it serves.
+    pub server: Server,
+    /// Which of its transforms is which body; the names that `--igtl` sends where there is none.
+    pub map: Option<PathBuf>,
+}
+
 /// Arguments of `vitreo bridge`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct BridgeArgs {
     /// Serve poses by OpenIGTLink (3D Slicer, PLUS) on this port; 0.0.0.0:PORT lets other machines in.
-    #[arg(long, value_name = "[HOST:]PORT", required_unless_present = "from")]
+    #[arg(long, value_name = "[HOST:]PORT", required_unless_present_any = ["from", "foxglove"])]
     pub igtl: Option<Listen>,
+    /// Serve poses, events and the health of the processes to Foxglove, Lichtblick and PlotJuggler (WebSocket)
+    /// on this port; 0.0.0.0:PORT lets other machines in.
+    #[arg(long, value_name = "[HOST:]PORT")]
+    pub foxglove: Option<Listen>,
     /// Take the poses of another tracker from its server of OpenIGTLink, for a run with --external poses.
-    #[arg(long, value_name = "igtl:HOST:PORT", conflicts_with = "igtl")]
+    #[arg(long, value_name = "igtl:HOST:PORT", conflicts_with_all = ["igtl", "foxglove"])]
     pub from: Option<Server>,
     /// Which of the other tracker's transforms is which body, and how well they are known (docs/bridge.md)
     /// [default: the names that --igtl sends].
@@ -75,6 +88,26 @@ impl FromStr for Server {
     }
 }
 
+impl FromStr for OtherTracker {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (server, map) = text.split_once(',').map_or((text, None), |(server, map)| (server, Some(map)));
+        if map == Some("") {
+            return Err(format!("expected igtl:HOST:PORT,MAP.toml, found {text:?} without a file"));
+        }
+        Ok(OtherTracker { server: server.parse()?, map: map.map(PathBuf::from) })
+    }
+}
+
+impl Display for OtherTracker {
+    /// As it is typed.
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "igtl:{}", self.server)?;
+        self.map.as_ref().map_or(Ok(()), |map| write!(f, ",{}", map.display()))
+    }
+}
+
 impl Display for Server {
     /// As sockets take it: `HOST:PORT`.
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
@@ -91,6 +124,7 @@ impl Display for Listen {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::path::Path;
 
     #[test]
     fn addresses_are_read_and_nonsense_is_refused() {
@@ -105,6 +139,12 @@ mod tests {
         for text in ["", "localhost:18944", "igtl:18944", "igtl::7", "igtl:host:0", "igtl:host:x"] {
             assert!(text.parse::<Server>().unwrap_err().contains("expected igtl:HOST:PORT"), "{text}");
         }
+        for (text, map) in [("igtl:h:7", None), ("igtl:[::1]:7,a,b.toml", Some("a,b.toml"))] {
+            let other: OtherTracker = text.parse().unwrap();
+            assert_eq!((other.map.as_deref(), other.to_string()), (map.map(Path::new), text.to_owned()));
+        }
+        assert!("igtl:h:7,".parse::<OtherTracker>().unwrap_err().contains("without a file"));
+        assert!("h:7,a.toml".parse::<OtherTracker>().unwrap_err().contains("expected igtl:HOST:PORT"));
         for text in ["", "x", "65536", ":7", "host:", "-1"] {
             let told = text.parse::<Listen>().unwrap_err();
             assert!(told.contains("PORT or HOST:PORT") && told.contains(text), "{told}");
