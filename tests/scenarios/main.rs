@@ -25,6 +25,7 @@ mod live_viewers;
 mod logging;
 mod looking;
 mod modules;
+mod other_tracker;
 mod outputs;
 mod packaging;
 mod parts;

@@ -82,7 +82,7 @@ pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
 async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     allow_open_files()?;
     let stop = StopSignal::install()?;
-    if args.real.unscripted && !cameras::wait(args, &stop).await {
+    if args.real.unscripted && args.real.poses.is_none() && !cameras::wait(args, &stop).await {
         return Ok(ExitCode::SUCCESS);
     }
     // The composed scene lasts as long as this does.
@@ -170,6 +170,7 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
                 // Poses of another's tracker are taken as they are, as a desk's are.
                 .or_else(|| (!args.is_tracked()).then(|| Process::PosesDriver.name().into())),
         ),
+        ("poses", args.real.poses.as_ref().map(ToString::to_string)),
         ("external", args.real.external.as_ref().map(ToString::to_string)),
         ("cameras", args.real.given().map(ToString::to_string)),
         ("colours", file(&args.extraction.colours)),

@@ -19,6 +19,11 @@ const SILENT_NS: u64 = 1_000_000_000;
 /// Where it is so.
 pub fn check(args: &RunArgs) -> anyhow::Result<()> {
     let Some(external) = &args.real.external else { return Ok(()) };
+    if let (Some(other), Some(source)) = (&args.real.poses, external.source().and_then(Process::drives)) {
+        let problem =
+            format!("--poses {other}, --external {source}: only one of them can be where poses come from");
+        return Err(WrongUse(problem).into());
+    }
     let wrong = |problem: &str| Err(WrongUse(format!("--external {external}: {problem}")).into());
     let cameras = &args.virtual_rig;
     if external.source().is_none() {
@@ -119,6 +124,20 @@ impl Supervisor {
         self.slots.iter().filter_map(trouble).collect()
     }
 
+    /// What the bridge to another tracker says of what is wrong with it.
+    pub fn trouble_of_other_tracker(&self) -> Option<Finding> {
+        self.args.real.poses.as_ref()?;
+        let bridge = self.slots.iter().find(|s| s.process == Process::PosesDriver)?;
+        let health = bridge.health.filter(|h| h.state == STATE_DEGRADED)?;
+        Some(Finding {
+            what: health.text(),
+            cause: "its server, the network, or what --poses says of it; what does not come is lost".into(),
+            remedy: "see to it; the run goes on and takes it up again by itself".into(),
+            // Another trouble is told anew.
+            subject: format!("other tracker: {}", health.text()),
+        })
+    }
+
     /// Whether a driver is not there, or sends nothing.
     pub fn lacks(&self, driver: Process, now: Nanos) -> bool {
         let presence = self.slots.iter().find(|s| s.process == driver).and_then(|s| s.presence.as_ref());
@@ -188,6 +207,15 @@ mod tests {
         assert!(args(&["blobs"]).contains("--rig"));
         assert!(args(&["blobs,pedal", "y4m:a", "r.json"]).contains("leave --cameras away"));
         assert_eq!(args(&["poses", "virtual", "r.json"]), "");
+        let beside = |external: &str| {
+            let mut args = RunArgs::default();
+            args.real.external = Some(external.parse().unwrap());
+            args.real.poses = Some("igtl:h:7".parse().unwrap());
+            check(&args).err().map(|e| e.to_string()).unwrap_or_default()
+        };
+        assert_eq!(beside("handles,pedal"), "");
+        assert!(beside("blobs").contains("--poses igtl:h:7, --external blobs: only one"));
+        assert!(beside("pedal,poses").contains("--external poses: only one"));
     }
 
     #[test]

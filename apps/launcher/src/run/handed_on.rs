@@ -22,6 +22,12 @@ impl RunArgs {
         restarts: u32,
     ) -> Vec<String> {
         let mut args = Arguments::default();
+        if process == Process::PosesDriver {
+            let other = self.real.poses.as_ref();
+            args.value("--from", other.map(|other| format!("igtl:{}", other.server)));
+            args.path("--map", other.and_then(|other| other.map.as_ref()));
+            return args.0;
+        }
         let real = process == Process::VirtualRig && self.real.given().is_some();
         // Another's program for cameras knows no scenes.
         let others = real && self.real.program().is_some();

@@ -22,6 +22,7 @@ use results::keeping::{self, seconds_since_1970};
 use results::store::check_name;
 use rig::Rig;
 use settings::blob_source::BlobSource;
+use settings::commands::bridge::OtherTracker;
 use settings::commands::cameras::{Cameras, Streams};
 use settings::commands::controls::ControlsArgs;
 use settings::commands::external::External;
@@ -135,6 +136,15 @@ pub struct RealCamerasArgs {
         conflicts_with_all = ["blobs", "motion", "faults"]
     )]
     pub cameras: Option<Cameras>,
+    /// Another tracker in the place of cameras and tracker, by its server of OpenIGTLink: its transforms become the
+    /// poses of instruments and eye, MAP.toml says which (docs/bridge.md) [default: the names that
+    /// vitreo bridge --igtl sends]. Jaws are open and the pedal is up where nobody sends them.
+    #[arg(
+        long,
+        value_name = "igtl:HOST:PORT[,MAP.toml]",
+        conflicts_with_all = ["cameras", "blobs", "motion", "faults", "direct"]
+    )]
+    pub poses: Option<OtherTracker>,
     /// Channels that programs of other makers send on, by libvitreo (docs/drivers.md): blobs, fields
     /// or poses in the place of the cameras, with their --rig; handles and pedal also beside them.
     #[arg(long, value_name = "CHANNEL,...")]
@@ -160,7 +170,8 @@ impl RealCamerasArgs {
 
     /// The program that stands in their place by what it sends itself.
     pub fn driver(&self) -> Option<Process> {
-        self.external.as_ref().and_then(External::source)
+        let external = || self.external.as_ref().and_then(External::source);
+        self.poses.as_ref().map(|_| Process::PosesDriver).or_else(external)
     }
 
     /// Programs of other makers that are expected.
@@ -308,6 +319,11 @@ impl RunArgs {
         !matches!(self.source(), Process::Desk | Process::PosesDriver)
     }
 
+    /// Whether the source is a program that the launcher does not start.
+    pub fn has_outside_source(&self) -> bool {
+        self.real.drivers().contains(&self.source())
+    }
+
     /// The processes between the source and the simulation.
     pub fn trackers(&self) -> &'static [Process] {
         let blobs = self.virtual_rig.direct || self.virtual_rig.blobs.is_some();
@@ -392,7 +408,8 @@ impl RunArgs {
         let mapping =
             self.controls.pedal.as_ref().and_then(|pedal| pedal.mapping.as_deref()).map(PathBuf::from);
         let handles = self.controls.handles.as_ref().map(|handles| handles.path.clone());
-        let devices = [pedal, mapping, handles].into_iter().flatten();
+        let map = self.real.poses.as_ref().and_then(|other| other.map.clone());
+        let devices = [pedal, mapping, handles, map].into_iter().flatten();
         // Of these, those that are no files have no place on the disk.
         let names = [&self.scene.scene, &self.training.module, &cameras.faults]
             .into_iter()
@@ -420,6 +437,7 @@ impl RunArgs {
             ("--budgets", &self.judge.budgets),
             ("--fundus", &picture.fundus.fundus),
             ("--faults", &faults),
+            ("--poses", &self.real.poses.as_ref().and_then(|other| other.map.clone())),
         ] {
             file.as_deref().map_or(Ok(()), |file| check_file(option, file))?;
         }

@@ -234,7 +234,7 @@ impl<'a> Session<'a> {
     pub async fn run(&mut self) -> anyhow::Result<&'static str> {
         self.start_receivers().await?;
         self.invite_drivers()?;
-        if self.args.source().drives().is_none() {
+        if !self.args.has_outside_source() {
             self.supervisor.start(self.args.source(), self.args.duration, now())?;
         }
         let why = self.work().await?;
@@ -362,7 +362,7 @@ impl<'a> Session<'a> {
         match event {
             ProcessEvent::Gone(driver) => self.tell_driver(at, *driver, false),
             ProcessEvent::Ready(process) => {
-                if process.drives().is_some() {
+                if self.args.real.drivers().contains(process) {
                     self.tell_driver(at, *process, true);
                 }
                 if *process == self.args.source() && self.started_ns == 0 {

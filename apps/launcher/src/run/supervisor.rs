@@ -6,7 +6,7 @@ use super::policy::{CpuAccount, RestartLimit, WINDOW_NS};
 use super::standby::{self, Standby};
 use crate::children::{self, Child, LineSender, Surroundings, realtime_allowed};
 use crate::exit::{WRONG_USE, WrongUse};
-use crate::programs::STREAMS;
+use crate::programs::{BRIDGE, STREAMS};
 use anyhow::{Context, bail, ensure};
 use diagnosis::Finding;
 use ipc::{Instance, Sender};
@@ -78,7 +78,7 @@ pub struct Slot {
 pub struct Supervisor {
     /// The processes of this run.
     pub slots: Vec<Slot>,
-    args: RunArgs,
+    pub(super) args: RunArgs,
     view: View,
     requests: Sender<Request>,
     requests_sent: u64,
@@ -178,6 +178,9 @@ impl Supervisor {
                 Some(_) => Some(ipc::programs::find(STREAMS)?),
                 None => self.args.real.program().map(Into::into),
             };
+        }
+        if process == Process::PosesDriver {
+            surroundings.program = Some(ipc::programs::find(BRIDGE)?);
         }
         Child::spawn(process, &self.args.instance, &args, &surroundings)
     }

@@ -18,8 +18,9 @@ pub fn findings(args: &RunArgs, tracking: &Tracking, monitor: &Monitor, since_ns
     // At a desk, or where poses come from outside, nothing is tracked.
     let mut found = if args.is_tracked() { tracking.findings().to_vec() } else { Vec::new() };
     if since_ns >= INPUT_NS {
-        // A recorded stream brings blobs alone, and a driver what it says.
-        let alone = args.virtual_rig.blobs.is_some() || args.real.external.is_some();
+        // A recorded stream brings blobs alone, another tracker poses, and a driver what it says.
+        let outside = args.real.external.is_some() || args.real.poses.is_some();
+        let alone = args.virtual_rig.blobs.is_some() || outside;
         found.extend(missing_inputs(monitor).filter(|_| !alone));
         found.extend(slow_picture(monitor));
     }
@@ -100,6 +101,9 @@ mod tests {
         };
         assert!(subjects(&monitor, INPUT_NS - 1).is_empty());
         assert_eq!(subjects(&monitor, INPUT_NS), ["handles", "pedal"]);
+        let mut other = RunArgs::default();
+        other.real.poses = Some("igtl:h:7".parse().unwrap());
+        assert!(findings(&other, &tracking, &monitor, INPUT_NS).is_empty());
         monitor.note(&Item::Pedal(Zeroable::zeroed()));
         monitor.note(&Item::Handle(Zeroable::zeroed()));
         monitor.note(&Item::Frame(FrameRecord { displayed: 1, ..FrameRecord::zeroed() }));

@@ -14,7 +14,9 @@ impl Session<'_> {
         let drivers = self.args.real.drivers().to_vec();
         drivers.iter().for_each(|driver| self.supervisor.expect(*driver, now()));
         let channels: Vec<&str> = drivers.iter().filter_map(|driver| driver.drives()).collect();
-        self.instance.invite(&channels)?;
+        // The bridge to another tracker, which the launcher starts, comes by the same door.
+        let own = self.args.source().drives().filter(|_| !self.args.has_outside_source());
+        self.instance.invite(&channels.iter().copied().chain(own).collect::<Vec<&str>>())?;
         if !channels.is_empty() {
             self.screen.print(&waiting_for(&self.args.instance, &channels));
         }
@@ -24,6 +26,7 @@ impl Session<'_> {
     /// Says what a run that has not begun waits for, if that is a driver.
     pub(super) fn say_what_is_awaited(&mut self, at: Nanos) {
         if let Some(channel) = self.args.source().drives()
+            && self.args.has_outside_source()
             && self.screen.due(at)
         {
             self.screen.print(&waiting_for(&self.args.instance, &[channel]));

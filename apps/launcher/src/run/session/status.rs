@@ -72,6 +72,7 @@ impl Session<'_> {
         }
         found.extend(self.supervisor.trouble_of_drivers(at));
         found.extend(self.supervisor.trouble_of_controls());
+        found.extend(self.supervisor.trouble_of_other_tracker());
         let at_s = self.elapsed_s(at);
         for finding in self.consumers.watch.note(at_s, &found) {
             self.warn_of(&finding, at);
@@ -85,7 +86,9 @@ impl Session<'_> {
         let (at, at_s) = (now(), self.elapsed_s(now()));
         // Cameras whose sources bring nothing say so themselves.
         let source = self.args.source();
-        let told = self.supervisor.trouble_of_streams().is_some() || self.supervisor.lacks(source, at);
+        let told = self.supervisor.trouble_of_streams().is_some()
+            || self.supervisor.trouble_of_other_tracker().is_some()
+            || self.supervisor.lacks(source, at);
         if self.started_ns == 0 || self.paused_ns.is_some() || told || !self.supervisor.all_ready() {
             return self.consumers.silence.excuse(at, at_s);
         }
