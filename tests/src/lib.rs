@@ -119,10 +119,13 @@ pub fn vitreo(args: &[&str]) -> Finished {
     Running::start(args).finish()
 }
 
-/// A `vitreo` that is running.
+/// A `vitreo` that is running. A check that fails before its end leaves nothing of it behind: it is killed with all
+/// that it has started, and its instance is cleared away.
 pub struct Running {
-    child: Child,
-    watchdog: Watchdog,
+    /// Taken when it has ended.
+    child: Option<Child>,
+    pid: u32,
+    watchdog: Option<Watchdog>,
     args: Vec<String>,
 }
 
@@ -140,12 +143,13 @@ impl Running {
             .spawn()
             .expect("vitreo starts");
         let watchdog = Watchdog::on(child.id());
-        Self { child, watchdog, args: args.iter().map(|&arg| arg.into()).collect() }
+        let args = args.iter().map(|&arg| arg.into()).collect();
+        Self { pid: child.id(), child: Some(child), watchdog: Some(watchdog), args }
     }
 
     /// Process id of the launcher.
     pub fn pid(&self) -> u32 {
-        self.child.id()
+        self.pid
     }
 
     /// Waits for its end. What a simulator recorded is verified: every scenario proves the processes'
@@ -153,17 +157,48 @@ impl Running {
     ///
     /// # Panics
     /// If the watchdog had to end it, or a recording does not verify.
-    pub fn finish(self) -> Finished {
-        let Output { status, stdout, stderr } = self.child.wait_with_output().expect("vitreo is waited for");
+    pub fn finish(mut self) -> Finished {
+        let child = self.child.take().expect("it is taken once");
+        let Output { status, stdout, stderr } = child.wait_with_output().expect("vitreo is waited for");
         let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
         let finished = Finished { code: status.code(), stdout: text(stdout), stderr: text(stderr) };
-        assert!(!self.watchdog.barked(), "hung and was killed: {finished:#?}");
+        let barked = self.watchdog.take().is_some_and(Watchdog::barked);
+        assert!(!barked, "hung and was killed: {finished:#?}");
         let args: Vec<&str> = self.args.iter().map(String::as_str).collect();
         if ["run", "play"].iter().any(|command| args.first() == Some(command)) {
             verified::verify_left_by(&args);
         }
         finished
     }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let Some(mut child) = self.child.take() else { return };
+        // Each has a group of its own, so that Ctrl-C reaches the launcher alone.
+        let started = processes_below(self.pid);
+        let _ = child.kill();
+        let _ = child.wait();
+        started.into_iter().for_each(kill);
+        let instance =
+            self.args.iter().position(|arg| arg == "--instance").and_then(|at| self.args.get(at + 1));
+        if let Some(Ok(directory)) = instance.map(|name| ipc::instance_directory(name)) {
+            let _ = std::fs::remove_dir_all(directory);
+        }
+    }
+}
+
+/// The processes that a process has started, and those that they have.
+fn processes_below(parent: u32) -> Vec<u32> {
+    let Ok(all) = std::fs::read_dir("/proc") else { return Vec::new() };
+    let pids = all.flatten().filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
+    // The name stands in brackets and may have any of them in it.
+    let parent_of = |pid: &u32| {
+        let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+        stat.rsplit(')').next()?.split_whitespace().nth(1)?.parse::<u32>().ok()
+    };
+    let own: Vec<u32> = pids.filter(|pid| parent_of(pid) == Some(parent)).collect();
+    own.iter().flat_map(|pid| std::iter::once(*pid).chain(processes_below(*pid))).collect()
 }
 
 /// A listener inside a running simulator.
@@ -261,4 +296,32 @@ pub fn next<M: Message + std::fmt::Debug>(
 pub fn json(path: &Path) -> serde_json::Value {
     let text = std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     serde_json::from_str(&text).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whether a process does anything any more; one that nobody has waited for yet does not.
+    fn lives(pid: u32) -> bool {
+        let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+        stat.rsplit(')').next().is_some_and(|rest| !rest.trim().is_empty() && !rest.trim().starts_with('Z'))
+    }
+
+    #[test]
+    fn a_check_that_fails_leaves_nothing_of_its_run() {
+        let name = instance_name();
+        let failed = std::panic::catch_unwind(|| {
+            let _running = Running::start(&["run", "--no-picture", "--direct", "--instance", &name]);
+            let tracker = Observer::join(&name).health(Process::Tracker, |_| true);
+            std::panic::panic_any(tracker.pid);
+        });
+        let pid = *failed.expect_err("it failed").downcast::<u32>().expect("as it was to");
+        let deadline = ipc::clock::now() + WATCHDOG.as_nanos() as u64;
+        while lives(pid) {
+            assert!(ipc::clock::now() < deadline, "the tracker {pid} lives on");
+            wait(&[], 5_000_000);
+        }
+        assert!(!ipc::instance_directory(&name).expect("a name").exists());
+    }
 }
