@@ -33,7 +33,7 @@ pub fn run(config: &Config) -> Result<()> {
     let colours = ColourFile::load_or_shipped(config.extraction.colours.as_deref()).context("--colours")?;
     let extractor = |camera| CameraExtractor::finding(&rig, camera, &colours);
     let extractors = rig.cameras().iter().map(extractor).collect::<Result<_, _>>()?;
-    ipc::shell::run(&mut FpgaModelShell::open(config, extractors, rig.field_period_ns())?)
+    ipc::shell::run(&mut FpgaModelShell::open(config, extractors, rig.longest_period_ns())?)
 }
 
 /// Channels of the process, and the blobs held back.
@@ -42,7 +42,7 @@ struct FpgaModelShell {
     fields: BlockReceiver<FieldHeader>,
     blobs: Sender<BlobField>,
     extractors: Vec<CameraExtractor>,
-    /// From one field of a camera to the next, ns.
+    /// From one field of the slowest camera to the next, ns.
     period_ns: u64,
     outbox: Outbox,
     /// Number of each camera's newest field.

@@ -1,9 +1,10 @@
 //! Assembles camera-fields into frames. Pure: the present instant is an argument.
 //!
-//! A frame is made for each exposure of the reference camera, the lowest id that is alive. With t
-//! its exposure and P the field period, the frame's period is (t + ε − P, t + ε]: in it every
-//! camera, genlocked (within ε of t) or free-running (anywhere), has one field. The frame closes
-//! - `Inputs`: every living camera's field of the period is there;
+//! A frame is made for each exposure of the reference camera, the fastest that is alive, of several the lowest id.
+//! With t its exposure and P the period of the rig's fastest camera, the frame's period is (t + ε − P, t + ε]: in it
+//! every camera of that rate, genlocked (within ε of t) or free-running (anywhere), has one field, and a slower one
+//! has one where it is due: whole periods of its own after its last. The frame closes
+//! - `Inputs`: the fields of the period are there of every living camera that has one in it;
 //! - `TimeOut`: `CAMERA_WAIT_NS` after the first field of this exposure arrived, or half a period where that is
 //!   less;
 //! - `NextField`: a later field of the reference camera came first.
@@ -12,7 +13,11 @@
 //! place after the same wait. Without such a camera the frame is made for the instant at which the
 //! reference camera should have exposed, from the earlier fields of the others, so frames keep
 //! their spacing. A field that arrives after its frame was closed goes into the next one. A camera
-//! that has sent nothing for several periods is not waited for until it sends again.
+//! that has sent nothing for several periods is not waited for until it sends again. Nor is a field of a slower
+//! camera that cannot come in time, because its lines take longer to read out than those of the reference camera.
+//!
+//! A frame has the number of the reference camera's field. Where that is a slower camera (the fastest ones are dead,
+//! or missed a field), whose numbers rise more slowly, it is the number that a field of the fastest would have.
 
 mod refusal;
 
@@ -25,7 +30,7 @@ use protocol::message::Message;
 use protocol::poses::ClosedBy;
 use protocol::time::Nanos;
 use rig::Rig;
-use rig::sensor::Scan;
+use rig::sensor::{Scan, Sensor};
 
 /// Exposures of genlocked cameras differ by less than this (ε), ns.
 const GENLOCK_NS: u64 = 500_000;
@@ -35,11 +40,35 @@ const ALIVE_NS: u64 = 80_000_000;
 /// After consecutive old fields of a camera for so long, its clock was set back, ns.
 const CLOCK_SET_BACK_NS: u64 = 500_000_000;
 
+impl CameraState {
+    /// Of the camera with this sensor.
+    fn new(sensor: &Sensor) -> Self {
+        let Sensor { scan, period_ns, .. } = *sensor;
+        CameraState { in_rig: true, scan, period_ns, read_out_ns: sensor.read_out_ns(), ..Self::default() }
+    }
+
+    /// Before its first field.
+    fn fresh(&self) -> Self {
+        let CameraState { in_rig, scan, period_ns, read_out_ns, .. } = *self;
+        CameraState { in_rig, scan, period_ns, read_out_ns, ..Self::default() }
+    }
+
+    /// The first exposure after `begin_ns` that follows from the last by whole periods, ns.
+    fn due_after_ns(&self, begin_ns: Nanos) -> Nanos {
+        let periods = begin_ns.saturating_sub(self.last_exposed_ns) / self.period_ns.max(1) + 1;
+        self.last_exposed_ns.saturating_add(periods.saturating_mul(self.period_ns))
+    }
+}
+
 /// State of a camera.
 #[derive(Debug, Clone, Copy, Default)]
 struct CameraState {
     in_rig: bool,
     scan: Scan,
+    /// From field to field, ns.
+    period_ns: u64,
+    /// From an exposure until its lines are read out, ns.
+    read_out_ns: u64,
     last_exposed_ns: Nanos,
     last_field: u64,
     last_arrival_ns: Nanos,
@@ -68,6 +97,7 @@ struct Pending {
 
 /// Collects camera-fields into frames.
 pub struct FrameAssembler {
+    /// From frame to frame, ns: that from field to field of the fastest camera.
     period_ns: u64,
     /// Longest wait for a late camera, ns.
     wait_ns: u64,
@@ -76,6 +106,8 @@ pub struct FrameAssembler {
     pending: Vec<Pending>,
     used: Vec<BlobField>,
     last_frame_ns: Nanos,
+    /// Number of the last frame's field.
+    last_field: u64,
     refused: u32,
 }
 
@@ -85,7 +117,7 @@ impl FrameAssembler {
         let mut cameras = [CameraState::default(); MAX_CAMERAS];
         for sensor in rig.sensors() {
             if let Some(state) = cameras.get_mut(sensor.camera as usize) {
-                (state.in_rig, state.scan) = (true, sensor.scan);
+                *state = CameraState::new(&sensor);
             }
         }
         FrameAssembler {
@@ -95,6 +127,7 @@ impl FrameAssembler {
             pending: Vec::with_capacity(MAX_FIELDS_USED),
             used: Vec::with_capacity(MAX_FIELDS_USED),
             last_frame_ns: 0,
+            last_field: 0,
             refused: 0,
         }
     }
@@ -102,11 +135,11 @@ impl FrameAssembler {
     /// Forgets everything but the rig.
     pub fn reset(&mut self) {
         for camera in &mut self.cameras {
-            *camera = CameraState { in_rig: camera.in_rig, scan: camera.scan, ..CameraState::default() };
+            *camera = camera.fresh();
         }
         self.pending.clear();
         self.used.clear();
-        self.last_frame_ns = 0;
+        (self.last_frame_ns, self.last_field) = (0, 0);
         self.refused = 0;
     }
 
@@ -192,7 +225,7 @@ impl FrameAssembler {
         let twice = last_ns > 0 && field.field == camera.last_field;
         if field.exposed_ns <= last_ns || twice {
             camera.refused_in_a_row += 1;
-            let for_ns = u64::from(camera.refused_in_a_row) * self.period_ns;
+            let for_ns = u64::from(camera.refused_in_a_row) * camera.period_ns;
             if for_ns < CLOCK_SET_BACK_NS || twice {
                 return Err(Refusal::NotNewer { camera: id, exposed_ns: field.exposed_ns, last_ns });
             }
@@ -248,7 +281,12 @@ impl FrameAssembler {
     fn is_alive(&self, camera: usize, now: Nanos) -> bool {
         let state = &self.cameras[camera];
         state.in_rig
-            && now.saturating_sub(state.last_arrival_ns) <= (ALIVE_PERIODS * self.period_ns).max(ALIVE_NS)
+            && now.saturating_sub(state.last_arrival_ns) <= (ALIVE_PERIODS * state.period_ns).max(ALIVE_NS)
+    }
+
+    /// The fastest camera that is alive, of several the lowest.
+    fn reference_camera(&self, now: Nanos) -> Option<usize> {
+        (0..MAX_CAMERAS).filter(|&c| self.is_alive(c, now)).min_by_key(|&c| (self.cameras[c].period_ns, c))
     }
 
     /// True if an exposure belongs to a period without a frame yet.
@@ -258,9 +296,9 @@ impl FrameAssembler {
 
     /// The oldest pending field of the reference camera that has no frame yet.
     fn open_reference(&self, now: Nanos) -> Option<Reference> {
-        let camera = (0..MAX_CAMERAS).find(|&c| self.is_alive(c, now))? as u32;
+        let camera = self.reference_camera(now)? as u32;
         let mut fields = self.pending.iter().map(|p| &p.field);
-        fields.find(|f| f.camera == camera && self.is_new(f.exposed_ns)).map(reference_of)
+        fields.find(|f| f.camera == camera && self.is_new(f.exposed_ns)).map(|f| self.reference_of(f))
     }
 
     /// The lowest camera with a field of a period in which the reference camera has none.
@@ -270,15 +308,17 @@ impl FrameAssembler {
         let fields = || self.pending.iter().map(|p| &p.field).filter(move |f| f.exposed_ns >= due_ns);
         let first_ns = fields().next()?.exposed_ns;
         let together = fields().filter(|f| f.exposed_ns <= first_ns + GENLOCK_NS);
-        together.min_by_key(|f| f.camera).map(reference_of)
+        let order = |f: &&BlobField| (self.cameras[f.camera as usize].period_ns, f.camera);
+        together.min_by_key(order).map(|f| self.reference_of(f))
     }
 
     /// The exposure that the reference camera missed, if free-running cameras have earlier fields;
     /// with the instant at which its field should have arrived.
     fn missed(&self, now: Nanos) -> Option<(Reference, Nanos)> {
-        let id = (0..MAX_CAMERAS).find(|&c| self.is_alive(c, now))?;
+        let id = self.reference_camera(now)?;
         let camera = &self.cameras[id];
-        if self.last_frame_ns == 0 || camera.last_exposed_ns == 0 {
+        // Of a slower one nothing is due.
+        if camera.period_ns != self.period_ns || self.last_frame_ns == 0 || camera.last_exposed_ns == 0 {
             return None;
         }
         let behind_ns = (self.last_frame_ns + self.period_ns / 4).saturating_sub(camera.last_exposed_ns);
@@ -301,7 +341,38 @@ impl FrameAssembler {
 
     fn has_all(&self, reference: &Reference, now: Nanos) -> bool {
         let begin_ns = (reference.exposed_ns + GENLOCK_NS).saturating_sub(self.period_ns);
-        (0..MAX_CAMERAS).all(|c| !self.is_alive(c, now) || self.cameras[c].last_exposed_ns > begin_ns)
+        (0..MAX_CAMERAS).all(|c| {
+            let camera = &self.cameras[c];
+            !self.is_alive(c, now)
+                || camera.last_exposed_ns > begin_ns
+                || (camera.period_ns > self.period_ns && !self.is_awaited(camera, reference, begin_ns))
+        })
+    }
+
+    /// True if a field of a slower camera is due in the frame that begins at `begin_ns`, and can come in time.
+    fn is_awaited(&self, camera: &CameraState, reference: &Reference, begin_ns: Nanos) -> bool {
+        // Before its first field nothing is known of when it exposes.
+        if camera.last_exposed_ns == 0 {
+            return true;
+        }
+        let due_ns = camera.due_after_ns(begin_ns);
+        let first_ns = reference.exposed_ns + self.cameras[reference.camera as usize].read_out_ns;
+        due_ns <= reference.exposed_ns + GENLOCK_NS
+            && due_ns + camera.read_out_ns <= first_ns + GENLOCK_NS + self.wait_ns
+    }
+
+    /// A field as the one that a frame is for.
+    fn reference_of(&self, field: &BlobField) -> Reference {
+        let own_ns = self.cameras[field.camera as usize].period_ns;
+        let number = if own_ns == self.period_ns {
+            field.field
+        } else if self.last_frame_ns == 0 {
+            field.field.saturating_mul(own_ns) / self.period_ns
+        } else {
+            let since_ns = field.exposed_ns.saturating_sub(self.last_frame_ns);
+            self.last_field.saturating_add((since_ns + self.period_ns / 2) / self.period_ns)
+        };
+        Reference { camera: field.camera, field: number, exposed_ns: field.exposed_ns }
     }
 
     fn close(&mut self, reference: &Reference, closed_by: ClosedBy, first: Nanos, now: Nanos) -> ClosedFrame {
@@ -311,13 +382,9 @@ impl FrameAssembler {
         self.used.clear();
         self.used.extend(self.pending[..end].iter().map(|p| p.field));
         self.pending.drain(..end);
-        self.last_frame_ns = reference.exposed_ns;
+        (self.last_frame_ns, self.last_field) = (reference.exposed_ns, reference.field);
         ClosedFrame { reference: *reference, closed_by, waited_ns, taken_ns }
     }
-}
-
-fn reference_of(field: &BlobField) -> Reference {
-    Reference { camera: field.camera, field: field.field, exposed_ns: field.exposed_ns }
 }
 
 #[cfg(test)]

@@ -20,7 +20,6 @@ use crate::associate::{AssociationInput, PredictedBody};
 use crate::constants as k;
 use crate::pose_math::{Matrix6, Vector6};
 use crate::projection::{camera_jacobian, moved_camera};
-use crate::rate_constants::RateConstants;
 use crate::rig_model::RigModel;
 pub use evidence::BodyUpdate;
 use evidence::Evidence;
@@ -254,16 +253,16 @@ impl CameraWatch {
             let px = if most { None } else { jump::of_field(input, field, predicted) };
             self.jumps[field.camera] = px.map(|px| Jump { at_ns: input.time_ns, px });
         }
-        let RateConstants { jumping_fields, calm_fields, .. } = input.rig.at_rate;
+        let at_rate = &input.rig.at_rate;
         let mut steady = input.cameras;
         for camera in members(in_use) {
             let jump = self.jumps[camera].filter(|_| self.jumped_alone(camera, input.time_ns));
             if jump.is_some() {
                 steady &= !(1 << camera);
             }
-            self.states[camera] = self.states[camera].after(jump.is_some(), calm_fields);
+            self.states[camera] = self.states[camera].after(jump.is_some(), at_rate.calm_fields(camera));
             match (self.states[camera], jump) {
-                (State::Suspected { jumped, .. }, Some(jump)) if jumped >= jumping_fields => {
+                (State::Suspected { jumped, .. }, Some(jump)) if jumped >= at_rate.jumping_fields(camera) => {
                     self.accuse(camera, jump.px, input.time_ns);
                 }
                 _ => {}
@@ -393,7 +392,7 @@ impl CameraWatch {
     ) -> Option<Camera> {
         let State::LeftOut { since_ns } = self.states[camera] else { return None };
         let since_ns = input.time_ns.saturating_sub(since_ns);
-        if since_ns < k::RESECTION_AFTER_NS || !input.rig.at_rate.looks_at_rig(input.time_ns) {
+        if since_ns < k::RESECTION_AFTER_NS || !input.rig.at_rate.looks_at_camera(camera, input.time_ns) {
             return None;
         }
         let may_place = self.may_place(input.time_ns);

@@ -264,7 +264,8 @@ impl Tracker {
     /// Adds one body's residuals in the frame's newest update to the drift estimation, and computes
     /// a part of its solution.
     fn estimate_drift(&mut self, newest: Option<Update>, exposed_ns: u64) {
-        if let Some(drift) = self.drift.as_mut().filter(|_| self.rig.at_rate.looks_at_rig(exposed_ns)) {
+        let looks = self.looks_at_rig(exposed_ns);
+        if let Some(drift) = self.drift.as_mut().filter(|_| looks) {
             let body = drift.next_body();
             let accepted = newest.as_ref().and_then(|update| Some((update, update.accepted[body].as_ref()?)));
             if let (Some((update, fit)), Some(filter)) = (accepted, &self.tracks[body].filter) {
@@ -274,6 +275,18 @@ impl Tracker {
             drift.step(&mut self.rig);
         }
         self.recycle(newest);
+    }
+
+    /// True for a frame from which drift is estimated: one in 20 ms, and where cameras have different rates one with a
+    /// field of the slowest, unless that is silent.
+    fn looks_at_rig(&self, exposed_ns: u64) -> bool {
+        let at_rate = &self.rig.at_rate;
+        let Some(slowest) = at_rate.slowest else { return at_rate.looks_at_rig(exposed_ns) };
+        let since_ns = exposed_ns.saturating_sub(self.fields[slowest].exposed_ns);
+        if since_ns > at_rate.silent_ns {
+            return at_rate.looks_at_rig(exposed_ns);
+        }
+        since_ns < at_rate.period_ns / 2 && at_rate.looks_at_camera(slowest, self.fields[slowest].exposed_ns)
     }
 
     fn recycle(&mut self, update: Option<Update>) {

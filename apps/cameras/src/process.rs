@@ -163,14 +163,14 @@ impl LiveCameras {
         Ok(())
     }
 
-    /// The least number that is still to come from a camera without trouble.
-    fn awaited(&self) -> u64 {
-        self.feeds.iter().filter_map(Feed::awaited).min().unwrap_or(u64::MAX)
+    /// The read-out of the first field that is still to come from a camera without trouble.
+    fn awaited(&self) -> Nanos {
+        self.feeds.iter().filter_map(|f| f.awaited(&self.timing)).min().unwrap_or(Nanos::MAX)
     }
 
-    /// The number that is next for the camera that is ahead.
-    fn reached(&self) -> u64 {
-        self.feeds.iter().map(Feed::next).max().unwrap_or(0)
+    /// When the next field is read out of the camera that is ahead.
+    fn reached(&self) -> Nanos {
+        self.feeds.iter().map(|f| f.next(&self.timing)).max().unwrap_or(0)
     }
 
     /// True once nothing more will come, or the time is up.
@@ -183,7 +183,7 @@ impl LiveCameras {
     fn judge(&mut self, now: Nanos) -> Result<()> {
         let mut changed = false;
         for feed in &mut self.feeds {
-            let trouble = feed.trouble(self.timing.period_ns, self.has_begun, now);
+            let trouble = feed.trouble(self.has_begun, now);
             changed |= trouble.as_ref() != feed.condition.trouble();
             match feed.condition.note(trouble, now) {
                 Some(news) if news.is_bad => tracing::warn!("{}", news.text),
@@ -226,7 +226,7 @@ impl LiveCameras {
 
     fn keep_figures(&mut self) {
         let reached = self.reached();
-        let cameras = self.feeds.iter().map(|feed| feed.delivery(reached)).collect();
+        let cameras = self.feeds.iter().map(|feed| feed.delivery(&self.timing, reached)).collect();
         let start_ns = if self.has_begun { self.timing.start_ns } else { 0 };
         self.figures.keep(&Deliveries { start_ns, cameras });
     }
@@ -266,7 +266,8 @@ impl Work<anyhow::Error> for LiveCameras {
         }
         if self.has_begun && self.over_ns.is_none() {
             self.publish(at)?;
-            self.controls.send_due(self.reached().saturating_sub(1), self.timing.period_ns, at)?;
+            let newest = self.timing.first_from(self.reached()).saturating_sub(1);
+            self.controls.send_due(newest, self.timing.period_ns, at)?;
             self.over_ns = self.is_over(at).then_some(at);
         }
         self.judge(at)?;

@@ -1,7 +1,7 @@
 //! Which number a picture has, and when it was taken. Pure: the present instant is an argument.
 //!
 //! A pipe has no instants. The instant at which every source has brought its first picture is the
-//! start; the field with number `k` of every camera counts as read out at start + `k` · period, and
+//! start; the field with number `k` of a camera counts as read out at start + `k` · its period, and
 //! what a source brings one after the other has one number after the other. A source that is opened
 //! again goes on with the number whose time it then is. What comes more than [`LATE_PERIODS`] after
 //! its time is left out: a writer that was held up and catches up is then in step with the others
@@ -19,7 +19,7 @@ const LAGS_AFTER: u32 = 10;
 pub struct Clock {
     /// The field with number 0 is read out, and every source has brought its first picture.
     pub start_ns: Nanos,
-    /// Time between two fields of a camera, ns.
+    /// Time between two fields, ns: of the fastest camera, or of the one whose clock this is.
     pub period_ns: u64,
     /// From the first line until the last has left the slowest sensor, ns.
     pub lines_ns: u64,
@@ -45,6 +45,11 @@ impl Clock {
     /// Its first line leaves the sensor.
     pub fn first_line(&self, number: u64) -> Nanos {
         self.read_out(number).saturating_sub(self.lines_ns)
+    }
+
+    /// The number of the first field that is read out at `instant` or later.
+    pub fn first_from(&self, instant: Nanos) -> u64 {
+        instant.saturating_sub(self.start_ns).div_ceil(self.period_ns)
     }
 
     /// The number of a field that came unexpectedly: the newest that was read out by then. A quarter of
@@ -125,8 +130,9 @@ impl Numbering {
 
     /// When a field that was read out at `read_out` by its camera's stamp is published: at once where those
     /// of the others are there, else [`Clock::patience_ns`] after it was read out at the latest.
-    pub fn stamped_due(&self, clock: &Clock, read_out: Nanos, awaited: u64) -> Nanos {
-        let wait = !self.anew && self.number_of(clock, read_out).is_some_and(|number| number >= awaited);
+    pub fn stamped_due(&self, clock: &Clock, read_out: Nanos, awaited: Nanos) -> Nanos {
+        let number = self.number_of(clock, read_out);
+        let wait = !self.anew && number.is_some_and(|number| clock.read_out(number) >= awaited);
         if wait { read_out.saturating_add(clock.patience_ns) } else { 0 }
     }
 

@@ -135,7 +135,8 @@ pub struct FaultInjector {
     cameras: [u32; FaultKind::ALL.len()],
     /// Every marker of the rig.
     markers: Vec<MarkerId>,
-    period_ns: u64,
+    /// From field to field, by camera, ns.
+    period_ns: [u64; MAX_CAMERAS],
     /// By camera.
     exposure_s: [f64; MAX_CAMERAS],
 }
@@ -161,7 +162,7 @@ impl FaultInjector {
             cameras,
             markers,
             sampler: FaultSampler::new(seed),
-            period_ns: rig.field_period_ns(),
+            period_ns: std::array::from_fn(|id| rig.sensor(id as u32).period_ns),
             exposure_s: std::array::from_fn(|id| rig.sensor(id as u32).exposure_ns as f64 * 1e-9),
             spec,
         })

@@ -1,7 +1,7 @@
 //! Schedule of the exposures: groups of cameras that share a clock, and the next action. Pure: the
 //! time is an argument.
 //!
-//! Genlocked cameras are one group; a free-running camera is a group of its own. A group's field is
+//! Genlocked cameras of one rate are one group; a free-running camera is a group of its own. A group's field is
 //! made 7 ms ahead of the instant at which its blobs are due, or half a period where that is less:
 //! making it takes 3 ms for three cameras, the scan of its blobs 1 ms. The time before belongs to those
 //! who work on the field that has just left: real cameras take no processor from the picture. A field
@@ -63,6 +63,11 @@ impl Schedule {
             }
         }
         Schedule(groups)
+    }
+
+    /// The group whose fields make the tracker's frames: the fastest, of several the first.
+    pub fn leading(&self) -> usize {
+        (0..self.0.len()).min_by_key(|&i| self.0[i].clock.period_ns).unwrap_or(0)
     }
 
     /// Starts again with field 0.
@@ -133,6 +138,24 @@ mod tests {
 
     fn clock(phase_ns: u64) -> Clock {
         Clock { period_ns: 20 * MS, ppb: 0, phase_ns }
+    }
+
+    #[test]
+    fn cameras_of_other_rates_are_groups_of_their_own_and_the_fastest_leads() {
+        let of = |period_ms: u64| (Clock { period_ns: period_ms * MS, ppb: 0, phase_ns: 0 }, 4 * MS);
+        let mut schedule = Schedule::from_clocks([20, 5, 10, 5].into_iter().map(of));
+        let groups: Vec<_> = schedule.0.iter().map(|g| g.cameras.clone()).collect();
+        assert_eq!((groups, schedule.leading()), (vec![vec![0], vec![1, 3], vec![2]], 1));
+        let (mut now, mut exposed) = (0, vec![vec![]; 3]);
+        while now < 40 * MS {
+            match schedule.next(now, None, 40 * MS) {
+                Action::Expose(i) => exposed[i].push(schedule.exposed(i)),
+                Action::Wait(until) => now = until,
+                Action::Over => break,
+            }
+        }
+        let all = |count: u64| (0..count).collect::<Vec<_>>();
+        assert_eq!(exposed, [all(2), all(8), all(4)], "each camera counts its own fields");
     }
 
     #[test]

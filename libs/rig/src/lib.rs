@@ -83,7 +83,7 @@ pub struct Rig {
     pub format: String,
     /// `mm`.
     pub unit: String,
-    /// Fields per second of a camera.
+    /// Fields per second of the fastest camera, and so frames of the tracker; of every camera that says nothing else.
     pub field_hz: f64,
     /// Width and height of the frame of every camera, px; `None` where cameras differ.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -138,7 +138,7 @@ pub struct RigCamera {
     pub rotation: [[f64; 3]; 3],
     /// Translation camera-from-world, mm.
     pub t: [f64; 3],
-    /// Where it differs from the rig's: fields per second. For now it may not.
+    /// Where it is slower than the rig's fastest: fields per second.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub field_hz: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -298,9 +298,10 @@ impl Rig {
         self.cameras.iter().map(RigCamera::model).collect()
     }
 
-    /// Time between two fields of a camera, ns.
+    /// Time between two frames of the tracker, ns: that between two fields of the fastest camera. That of each
+    /// camera is `period_ns` of its [`sensor::Sensor`].
     pub fn field_period_ns(&self) -> u64 {
-        (1e9 / self.field_hz).round() as u64
+        sensor::period_ns(self.field_hz)
     }
 
     fn check(&self, path: &str) -> Result<(), RigError> {

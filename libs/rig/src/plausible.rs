@@ -7,6 +7,8 @@ use super::sensor::{Scan, Sensor};
 use super::{Defect, Rig, RigCamera};
 use protocol::blobs::Colour;
 
+/// Fewest fields a second of a camera.
+const SLOWEST_HZ: f64 = 25.0;
 /// Shortest exposure, ns: below it no marker is bright enough.
 const SHORTEST_EXPOSURE_NS: u64 = 1_000;
 /// Longest line, ns: nothing that looks at a moving eye is slower.
@@ -29,7 +31,7 @@ impl Rig {
                 .or_else(|| self.defect_of_times(camera, sensor, named))
                 .or_else(|| defect_of_mosaic(camera, sensor, named))
         });
-        self.defect_of_rule(&sensors).or(of_each)
+        self.defect_of_rule(&sensors).or(of_each).or_else(|| self.defect_of_frames())
     }
 
     /// The rule says again what `scan` says; for cameras that differ it cannot.
@@ -60,13 +62,21 @@ impl Rig {
     }
 
     fn defect_of_rate(&self, i: usize, camera: &RigCamera) -> Option<Defect> {
-        let hz = camera.field_hz.filter(|hz| *hz != self.field_hz)?;
-        let expected = "the rig's field_hz: all cameras of a rig have one rate for now";
+        let hz = camera.field_hz.filter(|hz| !(SLOWEST_HZ..=self.field_hz).contains(hz))?;
+        let expected = "25 to the rig's field_hz, which is the rate of its fastest camera";
         Some((
             format!("cameras[{i}].field_hz"),
             expected,
             format!("{hz}, where the rig has {}", self.field_hz),
         ))
+    }
+
+    /// Frames come at the rate of the fastest camera: one must have it.
+    fn defect_of_frames(&self) -> Option<Defect> {
+        let fastest = self.cameras.iter().map(|c| c.field_hz.unwrap_or(self.field_hz)).fold(0.0, f64::max);
+        let expected = "the rate of the fastest camera, at which frames are tracked";
+        let found = format!("{}, where the fastest camera has {fastest}", self.field_hz);
+        (fastest < self.field_hz).then(|| ("field_hz".into(), expected, found))
     }
 
     fn defect_of_times(
@@ -75,7 +85,7 @@ impl Rig {
         sensor: &Sensor,
         named: impl Fn(&str, bool) -> String,
     ) -> Option<Defect> {
-        let (period, line_ns) = (self.field_period_ns(), sensor.line_ns);
+        let (period, line_ns) = (sensor.period_ns, sensor.line_ns);
         let key = || named("line_ns", camera.line_ns.is_some());
         if !(1..=LONGEST_LINE_NS).contains(&line_ns) {
             return Some((key(), "1 to 10000000 ns from line to line", line_ns.to_string()));
@@ -185,8 +195,16 @@ mod tests {
         let slow = refused(|r| r.cameras[1].line_ns = Some(70_000));
         assert!(slow.starts_with("cameras[1].line_ns: lines that are read out"), "{slow}");
         assert!(refused(|r| r.cameras[2].exposure_ns = Some(0)).starts_with("cameras[2].exposure_ns"));
-        let other = refused(|r| r.cameras[2].field_hz = Some(25.0));
-        assert!(other.starts_with("cameras[2].field_hz") && other.contains("one rate for now"), "{other}");
+        for hz in [24.0, 100.0, f64::MAX] {
+            let other = refused(|r| r.cameras[2].field_hz = Some(hz));
+            assert!(other.starts_with("cameras[2].field_hz") && other.contains("fastest camera"), "{other}");
+        }
+        let none = refused(|r| r.cameras.iter_mut().for_each(|c| c.field_hz = Some(25.0)));
+        assert!(none.starts_with("field_hz: the rate of the fastest") && none.ends_with("has 25"), "{none}");
+        let slower = refused(|r| {
+            (r.cameras[2].field_hz, r.cameras[2].line_ns) = (Some(25.0), Some(140_000));
+        });
+        assert!(slower.starts_with("cameras[2].line_ns") && slower.contains("40000000 ns"), "{slower}");
     }
 
     #[test]

@@ -71,6 +71,8 @@ pub struct Sensor {
     pub shutter: Shutter,
     /// How pixels are given.
     pub format: PixelFormat,
+    /// From one of its fields to the next, ns.
+    pub period_ns: u64,
     /// How long a line is exposed, ns.
     pub exposure_ns: u64,
     /// From one line of a field to the next while it is read out, ns.
@@ -153,6 +155,11 @@ impl Sensor {
     }
 }
 
+/// From one field to the next at a rate, ns.
+pub(crate) fn period_ns(hz: f64) -> u64 {
+    (1e9 / hz).round() as u64
+}
+
 impl Rig {
     /// The sensors of the cameras, in the order of the file.
     pub fn sensors(&self) -> Vec<Sensor> {
@@ -172,9 +179,15 @@ impl Rig {
             scan: camera.scan.unwrap_or(self.scan),
             shutter: camera.shutter.unwrap_or(self.shutter),
             format: camera.pixel_format.unwrap_or(self.pixel_format),
+            period_ns: period_ns(camera.field_hz.unwrap_or(self.field_hz)),
             exposure_ns: camera.exposure_ns.unwrap_or(self.exposure_ns),
             line_ns: camera.line_ns.unwrap_or(self.line_ns),
         }
+    }
+
+    /// From field to field of the slowest camera, ns; [`Rig::field_period_ns`] is that of the fastest.
+    pub fn longest_period_ns(&self) -> u64 {
+        self.sensors().iter().map(|s| s.period_ns).max().unwrap_or(self.field_period_ns())
     }
 
     /// From the instant of a field until the last line of the slowest camera has left its sensor, ns.
@@ -217,12 +230,15 @@ mod tests {
         (rig.cameras[1].scan, rig.cameras[1].line_ns) = (Some(Scan::Progressive), Some(10_000));
         (rig.cameras[1].exposure_ns, rig.cameras[1].pixel_format) =
             (Some(1_000_000), Some(PixelFormat::Rgb8));
+        rig.cameras[0].field_hz = Some(25.0);
         rig.field_rule = None;
         let rig = Rig::parse(&rig.to_json(), "again").unwrap();
         let [first, second, _] = rig.sensors()[..] else { panic!("three cameras") };
         assert_eq!((first.lines(), second.lines()), (288, 576));
         assert_eq!((second.lines_ns(), second.read_out_ns()), (5_760_000, 6_260_000));
         assert_eq!((second.parity(3, 0), rig.sensor(1), rig.sensor(0)), (WHOLE_FRAME, second, first));
+        assert_eq!((first.period_ns, second.period_ns), (40_000_000, 20_000_000));
+        assert_eq!((rig.field_period_ns(), rig.longest_period_ns()), (20_000_000, 40_000_000));
         assert_eq!(rig.field_bytes(), 720 * 576 * 3);
         assert_eq!(rig.read_out_ns(), first.read_out_ns());
     }

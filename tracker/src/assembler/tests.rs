@@ -166,6 +166,95 @@ fn a_clock_set_back_is_believed_in_the_end() {
     assert_eq!(taken, (25..40).collect::<Vec<_>>());
 }
 
+/// Cameras of 50, 100 and 200 Hz; the fields in the order of arrival.
+fn mixed_stream(ms: u64, phases_ns: [u64; 3], keep: impl Fn(u32, u64) -> bool) -> Vec<(BlobField, u64)> {
+    let mut all = Vec::new();
+    for (camera, period_ms) in [(0, 20), (1, 10), (2, 5)] {
+        for n in (0..ms / period_ms).filter(|n| keep(camera, *n)) {
+            let exposed_ns = 100 * MS + n * period_ms * MS + phases_ns[camera as usize];
+            all.push(BlobField { blobs_out_ns: exposed_ns + 4 * MS, ..field(camera, n, exposed_ns) });
+        }
+    }
+    let mut all: Vec<_> = all.into_iter().map(|f| (f, f.blobs_out_ns)).collect();
+    all.sort_by_key(|(f, now)| (*now, f.camera));
+    all
+}
+
+fn mixed_assembler() -> FrameAssembler {
+    let mut rig = Rig::load_or_shipped(None).unwrap();
+    (rig.field_hz, rig.line_ns, rig.exposure_ns) = (200.0, 10_000, 1_000_000);
+    (rig.cameras[0].field_hz, rig.cameras[1].field_hz) = (Some(50.0), Some(100.0));
+    FrameAssembler::new(&Rig::parse(&rig.to_json(), "mixed").unwrap())
+}
+
+#[test]
+fn the_fastest_camera_makes_the_frames_and_slower_ones_are_awaited_when_they_are_due() {
+    let frames = run(&mut mixed_assembler(), &mixed_stream(100, [40_000, 0, 10_000], |_, _| true));
+    assert_eq!(frames.len(), 20);
+    for (n, (closed, used)) in frames.iter().enumerate() {
+        let n = n as u64;
+        assert_eq!((closed.reference.camera, closed.reference.field), (2, n));
+        assert_eq!(closed.closed_by, ClosedBy::Inputs, "frame {n}");
+        let expected: Vec<_> = [(1, 2), (2, 1), (0, 4)]
+            .into_iter()
+            .filter(|&(_, every)| n % every == 0)
+            .map(|(camera, every)| (camera, n / every))
+            .collect();
+        assert_eq!(*used, expected, "frame {n}");
+    }
+}
+
+#[test]
+fn a_field_that_a_slow_camera_misses_holds_up_one_frame_alone() {
+    let frames = run(&mut mixed_assembler(), &mixed_stream(100, [0; 3], |c, n| (c, n) != (0, 2)));
+    let held_up: Vec<_> = (0..20).filter(|&n| frames[n].0.closed_by == ClosedBy::TimeOut).collect();
+    assert_eq!(held_up, [8]);
+    assert_eq!(frames[8].0.waited_ns, 2_500_000, "half a period");
+}
+
+#[test]
+fn slow_cameras_that_run_free_are_not_waited_for() {
+    let frames = run(&mut mixed_assembler(), &mixed_stream(100, [7 * MS, 3 * MS, 0], |_, _| true));
+    assert_eq!(frames.len(), 20);
+    assert!(frames.iter().skip(8).all(|(c, _)| (c.closed_by, c.waited_ns) == (ClosedBy::Inputs, 0)));
+    let slow: Vec<_> = frames.iter().flat_map(|(_, used)| used).filter(|(c, _)| *c == 0).collect();
+    assert_eq!(slow.len(), 5);
+}
+
+#[test]
+fn without_the_fastest_camera_the_next_makes_the_frames_and_their_numbers_go_on() {
+    let frames = run(&mut mixed_assembler(), &mixed_stream(600, [0; 3], |c, n| c != 2 || n < 40));
+    let numbers: Vec<u64> = frames.iter().map(|(c, _)| c.reference.field).collect();
+    assert!(numbers.windows(2).all(|w| w[1] > w[0]), "{numbers:?}");
+    assert_eq!(numbers[..40], (0..40).collect::<Vec<u64>>());
+    // 100 Hz: every second number, each of the instant at which the fastest would have exposed.
+    assert_eq!(numbers[numbers.len() - 20..], (0..20).map(|n| 80 + 2 * n).collect::<Vec<u64>>());
+    let on_time = |c: &ClosedFrame| c.reference.exposed_ns == 100 * MS + c.reference.field * 5 * MS;
+    assert!(frames.iter().all(|(c, _)| on_time(c)));
+    let last = &frames[frames.len() - 1].0;
+    assert_eq!((last.reference.camera, last.closed_by), (1, ClosedBy::Inputs));
+}
+
+#[test]
+fn a_slow_camera_whose_lines_take_longer_is_not_waited_for() {
+    let mut rig = Rig::load_or_shipped(None).unwrap();
+    (rig.field_hz, rig.line_ns, rig.exposure_ns) = (200.0, 10_000, 1_000_000);
+    (rig.cameras[0].field_hz, rig.cameras[0].line_ns) = (Some(50.0), Some(64_000));
+    let mut assembler = FrameAssembler::new(&Rig::parse(&rig.to_json(), "slow lines").unwrap());
+    let mut fields = mixed_stream(200, [0; 3], |c, _| c != 1);
+    fields.iter_mut().filter(|(f, _)| f.camera == 0).for_each(|(_, now)| *now += 14 * MS);
+    for n in 0..40 {
+        let exposed_ns = 100 * MS + n * 5 * MS;
+        fields.push((field(1, n, exposed_ns), exposed_ns + 4 * MS));
+    }
+    fields.sort_by_key(|(f, now)| (*now, f.camera));
+    let frames = run(&mut assembler, &fields);
+    let waited = frames.iter().skip(4).filter(|(c, _)| c.waited_ns > 0).count();
+    assert_eq!(waited, 0, "{:?}", frames.iter().map(|(c, _)| c.waited_ns).collect::<Vec<_>>());
+    let slow = frames.iter().flat_map(|(_, used)| used).filter(|(c, _)| *c == 0).count();
+    assert!(slow >= 9, "{slow} of 10: each goes into the next frame");
+}
+
 proptest! {
     #[test]
     fn any_order_of_fields_keeps_the_rules(

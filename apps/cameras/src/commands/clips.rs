@@ -18,6 +18,7 @@ struct Clip {
     path: PathBuf,
     /// Pictures written so far.
     written: u64,
+    field_hz: f64,
     /// Parity of picture 0; `None` before, 2 of whole frames.
     first_parity: Option<u32>,
 }
@@ -25,20 +26,23 @@ struct Clip {
 /// Clips of all cameras. They appear whole when they are finished.
 pub struct Clips {
     clips: Vec<Clip>,
-    field_hz: f64,
 }
 
 impl Clips {
-    /// Begins a clip for each camera, in a folder.
+    /// Begins a clip for each camera, which has so many fields a second, in a folder.
     ///
     /// # Errors
     /// Where a file exists or cannot be made.
-    pub fn begin(folder: &Path, cameras: usize, field_hz: f64, outputs: &mut Outputs) -> Result<Self> {
-        let clip = |i| {
+    pub fn begin(
+        folder: &Path,
+        cameras_hz: impl Iterator<Item = f64>,
+        outputs: &mut Outputs,
+    ) -> Result<Self> {
+        let clip = |(i, field_hz)| {
             let path = folder.join(format!("camera-{i}.y4m"));
-            Ok(Clip { file: outputs.create(&path)?, path, written: 0, first_parity: None })
+            Ok(Clip { file: outputs.create(&path)?, path, written: 0, field_hz, first_parity: None })
         };
-        Ok(Clips { clips: (0..cameras).map(clip).collect::<Result<_>>()?, field_hz })
+        Ok(Clips { clips: cameras_hz.enumerate().map(clip).collect::<Result<_>>()? })
     }
 
     /// Keeps field `number` of a camera. What did not come before it is black: nothing was seen.
@@ -48,7 +52,7 @@ impl Clips {
     pub fn keep(&mut self, camera: usize, number: u64, parity: u32, picture: &Picture) -> Result<()> {
         let clip = &mut self.clips[camera];
         if clip.first_parity.is_none() {
-            let (width, height, milli_hz) = (picture.width, picture.height, (self.field_hz * 1e3).round());
+            let (width, height, milli_hz) = (picture.width, picture.height, (clip.field_hz * 1e3).round());
             writeln!(clip.file, "YUV4MPEG2 W{width} H{height} F{milli_hz}:1000 Ip C422")?;
             clip.first_parity = Some(if parity < 2 { (parity + (number % 2) as u32) % 2 } else { parity });
         }
@@ -90,7 +94,7 @@ mod tests {
     #[test]
     fn a_clip_is_read_as_it_was_kept_and_what_was_lost_is_black() {
         let folder = tempfile::tempdir().unwrap();
-        let mut clips = Clips::begin(folder.path(), 2, 50.0, &mut Outputs::new(false)).unwrap();
+        let mut clips = Clips::begin(folder.path(), [50.0; 2].into_iter(), &mut Outputs::new(false)).unwrap();
         let picture = |luma| Picture {
             width: 4,
             height: 2,

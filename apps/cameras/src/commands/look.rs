@@ -45,6 +45,8 @@ struct Look {
     name: String,
     extractor: CameraExtractor,
     planes: FieldPicture,
+    /// From field to field as the rig says, ns.
+    period_ns: u64,
     blobs: Box<BlobField>,
     watch: Watch,
     /// Rows of a snapshot for each line.
@@ -60,12 +62,12 @@ enum Fields {
 }
 
 impl Fields {
-    fn begin(to: &Path, cameras: usize, rig: &Rig, outputs: &mut Outputs) -> Result<Self> {
+    fn begin(to: &Path, looks: &[Look], rig: &Rig, outputs: &mut Outputs) -> Result<Self> {
         if to.extension().is_some_and(|ending| ending == "mcap") {
-            return Ok(Fields::Pixels(Box::new(Pixels::begin(to, cameras, rig, outputs)?)));
+            return Ok(Fields::Pixels(Box::new(Pixels::begin(to, looks.len(), rig, outputs)?)));
         }
         outputs.claim_folder(to, CLIPS)?;
-        Clips::begin(to, cameras, rig.field_hz, outputs).map(Fields::Clips)
+        Clips::begin(to, looks.iter().map(Look::hz), outputs).map(Fields::Clips)
     }
 
     /// Ends them, and returns them as `--cameras` takes them.
@@ -74,6 +76,13 @@ impl Fields {
             Fields::Clips(clips) => Ok(clips.finish()?.join(",")),
             Fields::Pixels(pixels) => pixels.finish(),
         }
+    }
+}
+
+impl Look {
+    /// Fields a second as the rig says.
+    fn hz(&self) -> f64 {
+        1e9 / self.period_ns as f64
     }
 }
 
@@ -106,8 +115,8 @@ impl Kept {
 enum Source {
     /// A feed of each camera, and its clock once it has begun.
     Feeds(Vec<(Feed, Option<Clock>)>),
-    /// Those that vitreo invents.
-    Virtual { cameras: Box<Virtual>, surgeon: Box<MotionSource>, number: u64, start_ns: Nanos },
+    /// Those that vitreo invents, with the number of each camera's next field.
+    Virtual { cameras: Box<Virtual>, surgeon: Box<MotionSource>, numbers: Vec<u64>, start_ns: Nanos },
 }
 
 /// Shows the cameras until Ctrl-C, the end of their files or of the time, or until all are in the snapshot.
@@ -128,7 +137,7 @@ pub fn run(args: &CamerasArgs, cameras: &Cameras) -> Result<()> {
     }
     let mut kept = Kept { snapshot: args.snapshot.is_some(), fields: None };
     if let Some(to) = &args.record_fields {
-        kept.fields = Some(Fields::begin(to, looks.len(), &rig, &mut outputs)?);
+        kept.fields = Some(Fields::begin(to, &looks, &rig, &mut outputs)?);
     }
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
@@ -143,7 +152,7 @@ pub fn run(args: &CamerasArgs, cameras: &Cameras) -> Result<()> {
         let all_there = wants && looks.iter().all(|look| look.snapshot.is_some());
         let is_over = stop.load(Ordering::Relaxed) || ends.is_some_and(|end| at >= end) || source.is_over();
         if at >= lined + LINE_NS || all_there || is_over {
-            shown.show(&source.lines(&mut looks, rig.field_hz, at))?;
+            shown.show(&source.lines(&mut looks, at))?;
             lined = at;
         }
         let given_up = wants && at >= begun + SNAPSHOT_NS;
@@ -172,7 +181,7 @@ impl Source {
                 let scene = SceneFile::load(DEFAULT_SCENE)?;
                 let surgeon = Box::new(MotionSource::new(&scene, rig, None, SEED));
                 let cameras = Box::new(Virtual::new(rig, Way::Pixels, SEED)?);
-                Ok(Source::Virtual { cameras, surgeon, number: 0, start_ns: now() })
+                Ok(Source::Virtual { numbers: vec![0; cameras.len()], cameras, surgeon, start_ns: now() })
             }
             Cameras::Streams(streams) => {
                 let cameras = rig.cameras();
@@ -202,6 +211,7 @@ impl Source {
                 name: format!("camera {} ({source})", camera.id),
                 extractor: CameraExtractor::finding(rig, camera, colours)?,
                 planes: FieldPicture::of_size(sensor.field_size()?),
+                period_ns: sensor.period_ns,
                 blobs: Box::new(BlobField::zeroed()),
                 watch: Watch::default(),
                 lines: if sensor.scan == Scan::Interlaced { 2 } else { 1 },
@@ -227,12 +237,11 @@ impl Source {
                 }
                 Ok(())
             }
-            Source::Virtual { cameras, surgeon, number, start_ns } => {
-                let due = *start_ns + *number * cameras.clock(0).period_ns;
-                if at < due {
-                    return Ok(());
-                }
-                for (i, look) in looks.iter_mut().enumerate() {
+            Source::Virtual { cameras, surgeon, numbers, start_ns } => {
+                for (i, (look, number)) in looks.iter_mut().zip(numbers).enumerate() {
+                    if at < *start_ns + *number * look.period_ns {
+                        continue;
+                    }
                     let mut exposure = cameras.expose(i, surgeon, *number);
                     let header = exposure.header();
                     let mut payload = vec![0; header.bytes()];
@@ -242,8 +251,8 @@ impl Source {
                         let picture = look.picture();
                         kept.take(i, look, &header, picture)?;
                     }
+                    *number += 1;
                 }
-                *number += 1;
                 Ok(())
             }
         }
@@ -254,18 +263,17 @@ impl Source {
     }
 
     /// A line for each camera.
-    fn lines(&self, looks: &mut [Look], field_hz: f64, at: Nanos) -> Vec<String> {
+    fn lines(&self, looks: &mut [Look], at: Nanos) -> Vec<String> {
         let line = |(i, look): (usize, &mut Look)| {
             let (lost, trouble) = match self {
                 Source::Virtual { .. } => (0, None),
                 Source::Feeds(feeds) => {
                     let (feed, clock) = &feeds[i];
-                    let period_ns = (1e9 / field_hz) as u64;
                     let lost = feed.tally.lost + feed.tally.late + feed.tally.surplus;
-                    (lost, feed.trouble(period_ns, clock.is_some(), at))
+                    (lost, feed.trouble(clock.is_some(), at))
                 }
             };
-            let text = look.watch.line(field_hz, lost, trouble.as_ref().map(|t| t.text.as_str()));
+            let text = look.watch.line(look.hz(), lost, trouble.as_ref().map(|t| t.text.as_str()));
             format!("{}: {text}", look.name)
         };
         looks.iter_mut().enumerate().map(line).collect()

@@ -85,7 +85,6 @@ impl Sensor {
 
 /// What a reader must know.
 struct Reading<'a> {
-    rig: &'a Rig,
     camera: &'a Camera,
     of_rig: OfRig,
     stream: &'a Stream,
@@ -94,10 +93,10 @@ struct Reading<'a> {
 impl Reading<'_> {
     /// What the thread of the reader does.
     fn reader(&self, line: Line) -> Result<Box<dyn FnOnce() + Send>> {
-        let Reading { rig, camera, of_rig, stream } = self;
+        let Reading { camera, of_rig, stream } = self;
         let (frame_px, scan, path) = (camera.size_px, of_rig.scan, stream.path.clone());
         let has_parity = stream.parity.is_some();
-        let expected = Expected { frame_px, scan, field_hz: rig.field_hz, has_parity };
+        let expected = Expected { frame_px, scan, field_hz: 1e9 / of_rig.period_ns as f64, has_parity };
         if stream.kind == StreamKind::Y4m {
             let reader = Reader { path, expected, line };
             return Ok(Box::new(move || reader.run()));
@@ -116,7 +115,7 @@ impl Reading<'_> {
         }
         let opener = self.opener()?;
         let clock = || (ipc::clock::now(), ipc::clock::realtime_offset_ns());
-        let (role, period_ns) = (Role { frame_px, scan }, rig.field_period_ns());
+        let (role, period_ns) = (Role { frame_px, scan }, of_rig.period_ns);
         let reader = LiveReader { opener, role, sensor: *of_rig, period_ns, clock, line };
         Ok(Box::new(move || reader.run()))
     }
@@ -125,8 +124,8 @@ impl Reading<'_> {
 impl Reading<'_> {
     /// How the camera is opened.
     fn opener(&self) -> Result<Box<dyn Open>> {
-        let Reading { rig, camera, of_rig, stream } = self;
-        let (frame_px, format, hz) = (camera.size_px, of_rig.format, rig.field_hz);
+        let Reading { camera, of_rig, stream } = self;
+        let (frame_px, format, hz) = (camera.size_px, of_rig.format, 1e9 / of_rig.period_ns as f64);
         let (interlaced, wanted) = (of_rig.scan == Scan::Interlaced, stream.wanted);
         if stream.kind == StreamKind::V4l2 {
             let path = stream.path.clone();
@@ -188,7 +187,7 @@ impl Feed {
         let [width, height] = of_rig.field_size()?;
         let (outbox, inbox) = sync_channel(1);
         let (spare, spares) = channel();
-        let reading = Reading { rig, camera, of_rig, stream };
+        let reading = Reading { camera, of_rig, stream };
         let reader = reading.reader(Line { outbox, spare: spares, rope, stop: Arc::clone(stop) })?;
         let thread = std::thread::Builder::new().name(format!("camera-{}", camera.id));
         thread.spawn(reader).context("a thread for a camera")?;
@@ -198,7 +197,7 @@ impl Feed {
             sensor: Sensor { of_rig, width: width as u32, lines },
             condition: Condition::new(format!("camera {} ({source})", camera.id)),
             source,
-            period_ns: rig.field_period_ns(),
+            period_ns: of_rig.period_ns,
             is_device: stream.kind.is_camera(),
             first_parity: stream.parity.unwrap_or(0),
             inbox,
@@ -284,35 +283,41 @@ impl Feed {
         }
     }
 
-    /// The number of the field that is still to come, of a camera from which one is expected.
-    pub(crate) fn awaited(&self) -> Option<u64> {
-        let expected = self.held.is_none() && self.over.is_none() && self.condition.trouble().is_none();
-        expected.then(|| self.numbering.next())
+    /// The clock of all cameras at the rate of this one.
+    fn own(&self, clock: &Clock) -> Clock {
+        Clock { period_ns: self.period_ns, ..*clock }
     }
 
-    /// When there is a field to be published; `awaited` is the least number that is still to come.
-    pub(crate) fn due(&self, clock: &Clock, awaited: u64) -> Option<Nanos> {
-        let held = self.held.as_ref()?;
+    /// When the field is read out that is still to come, of a camera from which one is expected.
+    pub(crate) fn awaited(&self, clock: &Clock) -> Option<Nanos> {
+        let expected = self.held.is_none() && self.over.is_none() && self.condition.trouble().is_none();
+        expected.then(|| self.next(clock))
+    }
+
+    /// When there is a field to be published; `awaited` is the read-out of the first one that is still to come.
+    pub(crate) fn due(&self, clock: &Clock, awaited: Nanos) -> Option<Nanos> {
+        let (held, clock) = (self.held.as_ref()?, &self.own(clock));
         Some(match held.read_out(clock.period_ns) {
             Some(read_out) => self.numbering.stamped_due(clock, read_out, awaited),
-            None => self.numbering.due(clock, self.numbering.next() < awaited),
+            None => self.numbering.due(clock, clock.read_out(self.numbering.next()) < awaited),
         })
     }
 
-    /// The next number of the camera.
-    pub(crate) fn next(&self) -> u64 {
-        self.numbering.next()
+    /// When the camera's next field is read out.
+    pub(crate) fn next(&self, clock: &Clock) -> Nanos {
+        self.own(clock).read_out(self.numbering.next())
     }
 
-    /// Publishes by `send` every field that is due; `awaited` is the least number that is still to come
+    /// Publishes by `send` every field that is due; `awaited` is the read-out of the first one that is still to come
     /// from another camera.
     pub(crate) fn publish(
         &mut self,
         clock: &Clock,
-        awaited: u64,
+        awaited: Nanos,
         now: Nanos,
         mut send: impl FnMut(&Field<'_>) -> Result<()>,
     ) -> Result<()> {
+        let clock = &self.own(clock);
         while self.due(clock, awaited).is_some_and(|due| due <= now) {
             let Some(held) = &mut self.held else { return Ok(()) };
             let (pictured, i) = (&held.pictured, held.taken);
@@ -375,7 +380,7 @@ impl Feed {
     }
 
     /// What is wrong with it at `now`.
-    pub(crate) fn trouble(&self, period_ns: u64, started: bool, now: Nanos) -> Option<Trouble> {
+    pub(crate) fn trouble(&self, started: bool, now: Nanos) -> Option<Trouble> {
         let trouble = |kind, text: &str| Some(Trouble { kind, text: text.into() });
         let since = |instant: Nanos| now.saturating_sub(instant);
         let never = self.newest_ns == 0;
@@ -398,7 +403,7 @@ impl Feed {
         if self.is_closed && self.held.is_none() {
             return trouble(Kind::Closed, "is closed by its writer; it is waited for the next");
         }
-        if started && self.held.is_none() && since(self.newest_ns) >= SILENT_PERIODS * period_ns {
+        if started && self.held.is_none() && since(self.newest_ns) >= SILENT_PERIODS * self.period_ns {
             let what = match self.is_device {
                 true => "brings nothing, though it is there: look at its cable and trigger",
                 false => "brings nothing, though its pipe is open",
@@ -418,8 +423,9 @@ impl Feed {
         black.then(|| trouble(Kind::Black, "shows nothing but black: look at cap, light and gain")).flatten()
     }
 
-    /// Its figures so far; `reached` is the number that all cameras have reached.
-    pub(crate) fn delivery(&self, reached: u64) -> Delivery {
+    /// Its figures so far; `reached` is the read-out that all cameras have reached.
+    pub(crate) fn delivery(&self, clock: &Clock, reached: Nanos) -> Delivery {
+        let reached = self.own(clock).first_from(reached);
         let counts = self.condition.counts.iter().filter(|(k, _)| !matches!(k, Kind::Awaited | Kind::Over));
         Delivery {
             camera: self.sensor.of_rig.camera,

@@ -26,6 +26,17 @@ fn a_field_is_read_out_as_the_rig_says() {
 }
 
 #[test]
+fn cameras_of_other_rates_count_from_the_same_start() {
+    let fast = Clock { period_ns: P / 4, ..CLOCK };
+    for number in [0, 1, 7, 1_000_000] {
+        assert_eq!(CLOCK.first_from(CLOCK.read_out(number)), number);
+        assert_eq!(fast.first_from(CLOCK.read_out(number)), 4 * number);
+        assert_eq!(CLOCK.first_from(fast.read_out(4 * number + 1)), number + 1);
+    }
+    assert_eq!(CLOCK.first_from(0), 0);
+}
+
+#[test]
 fn what_waited_in_the_pipe_has_no_delay_and_what_came_later_has_its_own() {
     let mut numbering = Numbering::default();
     let (early, late) = (CLOCK.start_ns - 50 * MS, CLOCK.start_ns + P + 3 * MS);
@@ -127,8 +138,8 @@ fn a_stamped_field_waits_for_the_others_and_not_for_what_is_late() {
     let mut numbering = Numbering::default();
     let at = CLOCK.start_ns + 3 * P;
     stamped(&mut numbering, [0]);
-    assert_eq!(numbering.stamped_due(&CLOCK, at, 4), 0);
-    assert_eq!(numbering.stamped_due(&CLOCK, at, 3), at + CLOCK.patience_ns);
+    assert_eq!(numbering.stamped_due(&CLOCK, at, CLOCK.read_out(4)), 0);
+    assert_eq!(numbering.stamped_due(&CLOCK, at, CLOCK.read_out(3)), at + CLOCK.patience_ns);
     let old = numbering.place_stamped(&CLOCK, at, at, at + 2 * P + 1);
     assert_eq!(old, Place::Late);
 }

@@ -23,9 +23,9 @@ impl Clock {
 }
 
 impl FaultInjector {
-    /// Clock of a camera; all are equal (genlocked) without clock drift.
+    /// Clock of a camera; all of one rate are equal (genlocked) without clock drift.
     pub fn clock(&self, camera: u32) -> Clock {
-        let genlocked = Clock { period_ns: self.period_ns, ppb: 0, phase_ns: 0 };
+        let genlocked = Clock { period_ns: self.period_ns[camera as usize], ppb: 0, phase_ns: 0 };
         let kind = FaultKind::ClockDrift;
         let Some(drift) = self.of(&self.spec.clock_drift, kind, camera) else { return genlocked };
         let draw = self.sampler.draw(kind, camera, 0);

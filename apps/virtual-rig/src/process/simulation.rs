@@ -119,7 +119,7 @@ impl VirtualRigShell {
         self.config.after_round.map_or(u64::MAX, after).min(self.duration_ns)
     }
 
-    /// Exposes the next field of every camera of a group. The first group's field also samples the
+    /// Exposes the next field of every camera of a group. The leading group's field also samples the
     /// controls and feeds back perception.
     fn expose_group(&mut self, simulation: &mut Simulation, group: usize, elapsed_ns: u64) -> Result<()> {
         let missed = simulation.schedule.leave_out_missed(group, elapsed_ns);
@@ -129,7 +129,7 @@ impl VirtualRigShell {
             let camera = simulation.schedule.0[group].cameras[k];
             simulation.last_due_ns = self.expose(simulation, camera, number)?.max(simulation.last_due_ns);
         }
-        if group == 0 {
+        if group == simulation.schedule.leading() {
             let exposed_ns = simulation.schedule.0[group].clock.exposed_ns(number);
             let due_ns = exposed_ns + simulation.schedule.0[group].out_after_ns + self.shell.delay_ns();
             let controls = ControlSample::at(&mut self.surgeon.motion, exposed_ns, number, due_ns);

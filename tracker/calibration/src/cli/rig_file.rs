@@ -77,7 +77,11 @@ pub(super) fn run(args: &RigFileArgs) -> anyhow::Result<ExitCode> {
 
 /// What was found, for a person.
 fn words(rig: &Rig, view: &RigView) -> String {
-    let mut text = format!("{} cameras, {} fields a second each\n", rig.cameras.len(), rig.field_hz);
+    let mut text = if rig.longest_period_ns() == rig.field_period_ns() {
+        format!("{} cameras, {} fields a second each\n", rig.cameras.len(), rig.field_hz)
+    } else {
+        format!("{} cameras of different rates, {} frames a second\n", rig.cameras.len(), rig.field_hz)
+    };
     for (camera, sensor) in view.cameras.iter().zip(rig.sensors()) {
         let _ = writeln!(text, "{}", of_camera(camera, &sensor));
     }
@@ -109,9 +113,10 @@ fn of_camera(camera: &CameraView, sensor: &Sensor) -> String {
     };
     let [width, height] = sensor.size_px;
     format!(
-        "camera {}: {width} × {height} px, {}, {shutter} shutter, {}, blobs after {:.1} ms; sees {:.0} % of the \
+        "camera {}: {width} × {height} px, {:.0} Hz, {}, {shutter} shutter, {}, blobs after {:.1} ms; sees {:.0} % of the \
          workspace from {:.0} mm, {:.1} px/mm",
         camera.camera,
+        1e9 / sensor.period_ns as f64,
         sensor.scan.name(),
         sensor.format.name(),
         sensor.read_out_ns() as f64 * 1e-6,
@@ -150,11 +155,18 @@ mod tests {
         let text = words(&rig, &view);
         for named in [
             "3 cameras, 50 fields",
-            "camera 2: 720 × 576 px, interlaced, global shutter, YUYV",
+            "camera 2: 720 × 576 px, 50 Hz, interlaced, global shutter, YUYV",
             "nothing is missing",
         ] {
             assert!(text.contains(named), "{text}");
         }
+        let mut mixed = rig;
+        mixed.cameras[2].field_hz = Some(25.0);
+        let text = words(&mixed, &view);
+        assert!(
+            text.contains("3 cameras of different rates, 50 frames") && text.contains("px, 25 Hz"),
+            "{text}"
+        );
     }
 
     #[test]
