@@ -194,6 +194,7 @@ impl Acquisition {
             prior: start,
             prior_information,
             motion: [Vector3::zeros(); 2],
+            given: None,
             trocar: input.trocar,
             variance_scale: k::ACQUISITION_VARIANCE,
         };
@@ -279,6 +280,7 @@ fn nearest_blob(
     let image = project_marker(m, pose, camera)?;
     let dt = input.time_ns.abs_diff(field.exposed_ns) as f64 * 1e-9;
     let drift = k::ACQUISITION_SPEED_MM_S * dt * image.radius_px / m.radius;
+    let px_per_s = k::ACQUISITION_SPEED_MM_S * image.radius_px / m.radius;
     let mut best: Option<(f64, BlobMatch)> = None;
     for (blob, seen) in field.blobs().iter().enumerate() {
         if seen.colour != m.colour || !field.is_unassigned(blob) {
@@ -293,6 +295,9 @@ fn nearest_blob(
         let Some(covariance) = marker_covariance(seen, &image, scale, k::ACQUISITION_AREA_RATIO) else {
             continue;
         };
+        // How the body moves is not known: what it may have moved until the line was exposed, too.
+        let late_px = input.rig.lines[field.camera].dt_s(0.0, seen.pixel.y).abs() * px_per_s;
+        let drift = drift + late_px;
         let mut matched = BlobMatch::new(field, blob, marker, &image, covariance, 0.0);
         matched.covariance += Matrix2::identity() * (drift * drift);
         best = Some((fit, matched));

@@ -3,9 +3,10 @@
 
 use crate::constants as k;
 use crate::fit::{BlobMatch, MAX_MATCHES};
+use crate::lines::{BodyInField, MotionGivenPose};
 use crate::observation::{FieldObservation, camera_of, marker_covariance};
-use crate::pose_math::{Matrix6, propagated};
-use crate::projection::{PoseMatrix, pose_jacobian, project_marker};
+use crate::pose_math::Matrix6;
+use crate::projection::pose_jacobian;
 use crate::rig_model::RigModel;
 use crate::tuning::Tuning;
 use nalgebra::{Isometry3, Vector3};
@@ -44,6 +45,8 @@ pub struct PredictedBody {
     pub covariance: Matrix6,
     /// Velocity (mm/s) and angular velocity (rad/s) in the world.
     pub motion: [Vector3<f64>; 2],
+    /// What the pose says of it, where blobs of one field are of different instants.
+    pub given: Option<MotionGivenPose>,
     /// Factor on the variances of all blobs.
     pub variance_scale: f64,
 }
@@ -207,11 +210,15 @@ impl Associator {
         let (camera, dt_s) = (field.camera, input.dt_s(field));
         let area_scale = input.area_scales[camera];
         let Tuning { gate, gate_px, .. } = input.rig.tuning;
-        let pose = PoseMatrix::from(&propagated(&predicted.pose, &predicted.motion, dt_s));
+        let placed = BodyInField::new(input.rig, camera, &predicted.pose, &predicted.motion, dt_s);
         for (marker, m) in input.rig.bodies[body].markers.iter().enumerate() {
-            let Some(image) = project_marker(m, &pose, model) else { continue };
+            let Some((image, pose)) = placed.image(m, model) else { continue };
             let jacobian = pose_jacobian(&image, &pose);
-            let spread = jacobian * predicted.covariance * jacobian.transpose();
+            let at_s = placed.dt_s(image.pixel.y);
+            let by_pose = predicted.given.map_or(jacobian, |given| given.jacobian(&jacobian, at_s));
+            let mut spread = by_pose * predicted.covariance * by_pose.transpose();
+            let unknown = predicted.given.map(|given| given.spread(&jacobian, at_s));
+            unknown.into_iter().for_each(|unknown| spread += unknown);
             for (blob, seen) in field.blobs().iter().enumerate() {
                 let r = seen.pixel - image.pixel;
                 if seen.colour != m.colour || r.norm_squared() > gate_px * gate_px {
@@ -228,7 +235,9 @@ impl Associator {
                 // a blob from winning because of its own uncertainty.
                 let growth = libm::log((covariance.determinant() / seen.covariance.determinant()).max(1.0));
                 if distance2 < gate && self.candidates.len() < MAX_CANDIDATES {
-                    let matched = BlobMatch::new(field, blob, marker, &image, covariance, dt_s);
+                    let at_s = placed.dt_s(seen.pixel.y);
+                    let mut matched = BlobMatch::new(field, blob, marker, &image, covariance, at_s);
+                    unknown.into_iter().for_each(|unknown| matched.covariance += unknown);
                     self.candidates.push(Candidate { cost: distance2 + growth, body, matched });
                 } else if r.norm_squared() < k::NEAR_PX * k::NEAR_PX && self.near.len() < MAX_CANDIDATES {
                     self.near.push(NearMiss { body, camera, marker, blob });

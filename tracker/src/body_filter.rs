@@ -3,6 +3,7 @@
 use crate::checkpoint::{CheckpointError, Done, Loader, Saver};
 use crate::eye_filter::EyeFilter;
 use crate::instrument_filter::{InstrumentFilter, Pivot};
+use crate::lines::MotionGivenPose;
 use crate::pose_math::Matrix6;
 use crate::rig_model::BodyModel;
 use nalgebra::{Isometry3, Vector3};
@@ -80,6 +81,14 @@ impl BodyFilter {
         match self {
             BodyFilter::Eye(filter) => [filter.velocity, filter.angular_velocity],
             BodyFilter::Instrument(filter) => filter.motion(),
+        }
+    }
+
+    /// Regression of the motion on the pose; `pose_information` is the inverse of its covariance.
+    pub fn motion_given_pose(&self, pose_information: &Matrix6) -> MotionGivenPose {
+        match self {
+            BodyFilter::Eye(filter) => filter.motion_given_pose(pose_information),
+            BodyFilter::Instrument(filter) => filter.motion_given_pose(pose_information),
         }
     }
 

@@ -9,6 +9,7 @@
 
 use crate::checkpoint::{CheckpointError, Done, Loader, Saver};
 use crate::constants as k;
+use crate::lines::MotionGivenPose;
 use crate::motion_models::Singer;
 use crate::pose_math::{Matrix6, box_minus, exp};
 use nalgebra::{Isometry3, SMatrix, Translation3, Vector3};
@@ -105,6 +106,15 @@ impl EyeFilter {
     pub fn pose_covariance(&self) -> Matrix6 {
         let p = &self.covariance;
         Matrix6::from_fn(|r, c| p[(pose_row(r), pose_row(c))])
+    }
+
+    /// Regression of the motion on the pose; `pose_information` is the inverse of [`EyeFilter::pose_covariance`].
+    pub fn motion_given_pose(&self, pose_information: &Matrix6) -> MotionGivenPose {
+        let p = &self.covariance;
+        let rate = |r: usize| pose_row(r) + 3;
+        let with_pose = Matrix6::from_fn(|r, c| p[(rate(r), pose_row(c))]);
+        let covariance = Matrix6::from_fn(|r, c| p[(rate(r), rate(c))]);
+        MotionGivenPose::new(&with_pose, &covariance, pose_information)
     }
 
     fn set_pose_covariance(&mut self, m: &Matrix6) {

@@ -9,6 +9,7 @@
 //! one by one, and the rest is fitted without weights.
 
 use crate::body_filter::BodyFilter;
+use crate::lines::MotionGivenPose;
 use crate::observation::FieldObservation;
 use crate::pose_math::{Matrix6, Vector6, box_minus, box_plus, propagated};
 use crate::projection::{MarkerImage, PoseMatrix, pose_jacobian, project_marker};
@@ -36,7 +37,7 @@ pub struct BlobMatch {
     pub pixel: Vector2<f64>,
     /// Covariance of the centre, px².
     pub covariance: Matrix2<f64>,
-    /// Instant of the exposure less that of the group, s.
+    /// Instant of the exposure of the blob's line less that of the group, s.
     pub dt_s: f64,
     /// Area over the predicted one.
     pub area_ratio: f64,
@@ -85,6 +86,8 @@ pub struct PoseProblem<'a> {
     pub prior_information: Matrix6,
     /// Velocity (mm/s) and angular velocity (rad/s) in the world, for fields of other instants.
     pub motion: [Vector3<f64>; 2],
+    /// What the pose says of it, where blobs of one field are of different instants.
+    pub given: Option<MotionGivenPose>,
     /// The trocar, if the eye is tracked.
     pub trocar: Option<TrocarInWorld>,
     /// Factor on the variances of all blobs.
@@ -134,7 +137,8 @@ impl PoseProblem<'_> {
         let prior_information = filter.pose_covariance().cholesky()?.inverse();
         let motion = filter.motion();
         let prior = filter.pose();
-        Some(PoseProblem { rig, body, prior, prior_information, motion, trocar: None, variance_scale })
+        let given = rig.rolls().then(|| filter.motion_given_pose(&prior_information));
+        Some(PoseProblem { rig, body, prior, prior_information, motion, given, trocar: None, variance_scale })
     }
 
     /// Estimates the pose from `start` on, and marks outliers in `matches`. `None` where the
@@ -191,17 +195,10 @@ impl PoseProblem<'_> {
         Some((pose, information))
     }
 
-    /// The pose at the exposure of every camera with a match.
-    fn poses_at_exposures(
-        &self,
-        pose: &Isometry3<f64>,
-        matches: &[BlobMatch],
-    ) -> [Option<PoseMatrix>; MAX_CAMERAS] {
-        let mut placed = [None; MAX_CAMERAS];
-        for m in matches {
-            placed[m.camera].get_or_insert_with(|| PoseMatrix::from(&propagated(pose, &self.motion, m.dt_s)));
-        }
-        placed
+    /// The motion of a body at `pose`.
+    fn motion_at(&self, pose: &Isometry3<f64>) -> [Vector3<f64>; 2] {
+        let given = |given: MotionGivenPose| given.motion(&self.motion, &box_minus(pose, &self.prior));
+        self.given.map_or(self.motion, given)
     }
 
     fn image(&self, placed: &PoseMatrix, m: &BlobMatch) -> Option<MarkerImage> {
@@ -213,9 +210,10 @@ impl PoseProblem<'_> {
     fn residuals(&self, pose: &Isometry3<f64>, matches: &[BlobMatch]) -> Residuals {
         let mut residuals = Residuals::default();
         let mut limit = self.rig.tuning.outlier * self.variance_scale;
-        let placed = self.poses_at_exposures(pose, matches);
+        let motion = self.motion_at(pose);
+        let mut placed = AtExposures::of(pose, &motion);
         for (i, m) in matches.iter().enumerate().filter(|(_, m)| !m.outlier) {
-            let image = placed[m.camera].and_then(|p| self.image(&p, m));
+            let image = self.image(placed.at(m), m);
             let inverse = m.covariance.try_inverse();
             let r = image.map_or(Vector2::repeat(f64::INFINITY), |image| m.pixel - image.pixel);
             let d2 = inverse.map_or(f64::INFINITY, |inverse| r.dot(&(inverse * r)));
@@ -237,15 +235,17 @@ impl PoseProblem<'_> {
     ) -> (Matrix6, Vector6) {
         let mut information = self.prior_information;
         let mut gradient = self.prior_information * box_minus(&self.prior, pose);
-        let placed = self.poses_at_exposures(pose, matches);
+        let motion = self.motion_at(pose);
+        let mut exposures = AtExposures::of(pose, &motion);
         for m in matches.iter().filter(|m| !m.outlier) {
-            let Some(placed) = &placed[m.camera] else { continue };
+            let placed = exposures.at(m);
             let Some(image) = self.image(placed, m) else { continue };
             let Some(inverse) = (m.covariance * self.variance_scale).try_inverse() else { continue };
             let r = m.pixel - image.pixel;
             let weight =
                 if robust { 1.0 / (1.0 + r.dot(&(inverse * r)) / self.rig.tuning.robust_scale) } else { 1.0 };
-            let jacobian = pose_jacobian(&image, placed);
+            let then = pose_jacobian(&image, placed);
+            let jacobian = self.given.map_or(then, |given| given.jacobian(&then, m.dt_s));
             let weighted = jacobian.transpose() * (inverse * weight);
             information += weighted * jacobian;
             gradient += weighted * r;
@@ -257,6 +257,28 @@ impl PoseProblem<'_> {
             gradient -= jacobian.transpose() * miss * weight;
         }
         (information, gradient)
+    }
+}
+
+/// The pose at the exposures of blobs, computed once for all of a camera that were exposed together.
+struct AtExposures<'a> {
+    pose: &'a Isometry3<f64>,
+    motion: &'a [Vector3<f64>; 2],
+    newest: [Option<(f64, PoseMatrix)>; MAX_CAMERAS],
+}
+
+impl<'a> AtExposures<'a> {
+    fn of(pose: &'a Isometry3<f64>, motion: &'a [Vector3<f64>; 2]) -> Self {
+        AtExposures { pose, motion, newest: [None; MAX_CAMERAS] }
+    }
+
+    fn at(&mut self, m: &BlobMatch) -> &PoseMatrix {
+        let newest = &mut self.newest[m.camera];
+        if newest.is_some_and(|(dt_s, _)| dt_s != m.dt_s) {
+            *newest = None;
+        }
+        let place = || (m.dt_s, PoseMatrix::from(&propagated(self.pose, self.motion, m.dt_s)));
+        &newest.get_or_insert_with(place).1
     }
 }
 
@@ -321,6 +343,7 @@ mod tests {
             prior,
             prior_information: Matrix6::identity() * 1e-2,
             motion: [Vector3::zeros(); 2],
+            given: None,
             trocar: None,
             variance_scale: 1.0,
         }

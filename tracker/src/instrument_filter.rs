@@ -13,6 +13,7 @@
 //! in (see `fit`); the rest of the state follows by its regression on the pose.
 
 mod adaptation;
+mod motion;
 mod saved;
 mod transition;
 

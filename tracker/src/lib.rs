@@ -34,6 +34,7 @@ pub mod drift;
 pub mod eye_filter;
 pub mod fit;
 pub mod instrument_filter;
+pub mod lines;
 pub mod match_log;
 pub mod motion_models;
 pub mod observation;

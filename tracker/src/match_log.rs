@@ -6,6 +6,7 @@
 use crate::associate::{Association, AssociationInput, PredictedBody};
 use crate::constants as k;
 use crate::fit::{BlobMatch, PoseFit};
+use crate::lines::BodyInField;
 use crate::observation::{BlobObservation, FieldObservation, camera_of, marker_covariance};
 use crate::pose_math::propagated;
 use crate::projection::{MarkerImage, PoseMatrix, pose_jacobian, project_marker};
@@ -197,9 +198,10 @@ fn predict(result: &UpdateResult<'_>, observed: &FieldObservation, camera: &Came
     let mut all = [[None; MAX_MARKERS]; BODIES];
     for ((of_body, prior), model) in all.iter_mut().zip(result.prior).zip(&result.input.rig.bodies) {
         let Some(prior) = prior else { continue };
-        let pose = PoseMatrix::from(&propagated(&prior.pose, &prior.motion, result.input.dt_s(observed)));
+        let (rig, dt_s) = (result.input.rig, result.input.dt_s(observed));
+        let placed = BodyInField::new(rig, observed.camera, &prior.pose, &prior.motion, dt_s);
         for (slot, marker) in of_body.iter_mut().zip(&model.markers) {
-            *slot = project_marker(marker, &pose, camera).map(|image| {
+            *slot = placed.image(marker, camera).map(|(image, pose)| {
                 let jacobian = pose_jacobian(&image, &pose);
                 let spread = jacobian * prior.covariance * jacobian.transpose();
                 Prediction { image, spread, variance_scale: prior.variance_scale }

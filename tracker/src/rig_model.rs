@@ -65,11 +65,39 @@ pub struct BodyModel {
     pub at_rate: RateConstants,
 }
 
+/// When a camera exposes the lines of its frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Lines {
+    /// By how much a line of the frame is later than the one above it, s; 0 of a global shutter.
+    row_s: f64,
+    /// Height of the frame, px.
+    height_px: f64,
+}
+
+impl Lines {
+    /// True if all lines are exposed at once.
+    pub fn is_global(&self) -> bool {
+        self.row_s == 0.0
+    }
+
+    /// How much later than the field's instant line `y_px` of the frame is exposed, s.
+    pub fn delay_s(&self, y_px: f64) -> f64 {
+        (y_px.clamp(0.0, self.height_px) - 0.5 * self.height_px) * self.row_s
+    }
+
+    /// The instant of a line, where that of the field is `dt_s`, s; with a global shutter the same to the bit.
+    pub fn dt_s(&self, dt_s: f64, y_px: f64) -> f64 {
+        if self.is_global() { dt_s } else { dt_s + self.delay_s(y_px) }
+    }
+}
+
 /// Cameras and bodies of a rig.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RigModel {
     /// By camera id.
     pub cameras: [Option<Camera>; MAX_CAMERAS],
+    /// When their lines are exposed, by camera id.
+    pub lines: [Lines; MAX_CAMERAS],
     /// `inst0`, `inst1`, eye.
     pub bodies: [BodyModel; BODIES],
     /// Radius of the workspace of tips about the eye's centre, mm.
@@ -97,6 +125,13 @@ impl RigModel {
                 cameras[id] = Some(camera);
             }
         }
+        let mut lines = [Lines::default(); MAX_CAMERAS];
+        for sensor in rig.sensors() {
+            if let Some(lines) = lines.get_mut(sensor.camera as usize) {
+                let height_px = f64::from(sensor.size_px[1]);
+                *lines = Lines { row_s: sensor.row_ns() * 1e-9, height_px };
+            }
+        }
         let at_rate = RateConstants::new(rig);
         let bodies = std::array::from_fn(|b| {
             let body = rig.body(BODY_NAMES[b]).expect("Rig::check has seen every body");
@@ -110,7 +145,14 @@ impl RigModel {
         });
         let distinct_colours = !share_colour(&bodies[0], &bodies[1]);
         let tip_radius = rig.workspace.tip_radius;
-        RigModel { cameras, bodies, tip_radius, distinct_colours, tuning: *tuning, at_rate }
+        RigModel { cameras, lines, bodies, tip_radius, distinct_colours, tuning: *tuning, at_rate }
+    }
+}
+
+impl RigModel {
+    /// True if a camera has a rolling shutter.
+    pub fn rolls(&self) -> bool {
+        self.lines.iter().any(|lines| !lines.is_global())
     }
 }
 

@@ -135,16 +135,19 @@ impl MarkerRing<'_> {
     /// Calls `vote` for every unassigned blob on the ring.
     fn votes(&self, free: impl Fn(usize) -> bool, mut vote: impl FnMut(RollVote)) {
         let Some(camera) = camera_of(self.input.rig, self.field) else { return };
-        let dt_s = self.input.dt_s(self.field);
-        let pose = propagated(&self.predicted.pose, &self.predicted.motion, dt_s);
-        let Some((centre, frame)) = self.ellipse(camera, &pose) else { return };
+        let PredictedBody { pose, motion, .. } = self.predicted;
+        let lines = &self.input.rig.lines[self.field.camera];
+        let at_line = |y_px: f64| propagated(pose, motion, lines.dt_s(self.input.dt_s(self.field), y_px));
+        let Some((centre, frame)) = self.ellipse(camera, &at_line(0.5 * f64::from(camera.size_px[1]))) else {
+            return;
+        };
         for blob in self.blobs(free) {
             let on = frame * (blob.pixel - centre);
             if (on.norm() - 1.0).abs() > k::ROLL_RING {
                 continue;
             }
             let guess = libm::atan2(on.y, on.x);
-            if let Some(turn_rad) = self.refined(camera, &pose, blob, guess) {
+            if let Some(turn_rad) = self.refined(camera, &at_line(blob.pixel.y), blob, guess) {
                 vote(RollVote { camera: self.field.camera, turn_rad });
             }
         }
@@ -244,6 +247,7 @@ mod tests {
             pose,
             covariance: Matrix6::identity() * 1e-6,
             motion: [Vector3::zeros(); 2],
+            given: None,
             variance_scale: 1.0,
         };
         find(&input, 0, &predicted, &Default::default())

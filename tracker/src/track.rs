@@ -116,12 +116,21 @@ impl Track {
         self.predictor.interrupt();
     }
 
+    /// As [`Track::predicted`], for blobs that were exposed at different instants.
+    pub fn predicted_for_lines(&self) -> Option<PredictedBody> {
+        let (predicted, filter) = (self.predicted()?, self.filter.as_ref()?);
+        let information = predicted.covariance.cholesky().map(|c| c.inverse());
+        let given = information.map(|information| filter.motion_given_pose(&information));
+        Some(PredictedBody { given, ..predicted })
+    }
+
     /// The predicted body at its filter's instant.
     pub fn predicted(&self) -> Option<PredictedBody> {
         self.filter.as_ref().map(|f| PredictedBody {
             pose: f.pose(),
             covariance: f.pose_covariance(),
             motion: f.motion(),
+            given: None,
             variance_scale: self.variance_scale,
         })
     }

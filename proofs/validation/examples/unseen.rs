@@ -3,10 +3,11 @@
 use clap::Parser;
 use protocol::limits::INSTRUMENTS;
 use rig::Rig;
+use rig::sensor::Shutter;
 use tracker::tuning::Tuning;
 use validation::streams::bound::TipBound;
 use validation::streams::score::{Score, Tracked, rms};
-use validation::streams::{Recipe, Scenario, Stream, rig_at};
+use validation::streams::{Recipe, Scenario, Stream, rig_at, rig_of_rates};
 
 /// Tracks drawn streams of every scenario, and prints a table: root mean squares over all streams, in
 /// brackets the least and the largest of a stream. The bound is the posterior Cramér–Rao bound of the tips
@@ -28,6 +29,12 @@ struct Args {
     /// Rate of the cameras, Hz.
     #[arg(long, default_value_t = 50.0)]
     hz: f64,
+    /// Rates of the cameras, Hz, in the order of the rig, instead of one for all.
+    #[arg(long, value_delimiter = ',', conflicts_with = "hz")]
+    rates: Vec<f64>,
+    /// Cameras with a rolling shutter.
+    #[arg(long)]
+    rolling: bool,
     /// Only scenarios whose name contains this.
     #[arg(long, default_value = "")]
     only: String,
@@ -53,7 +60,12 @@ struct Row {
 
 fn main() {
     let args = Args::parse();
-    let rig = rig_at(&Rig::load_or_shipped(None).expect("the shipped rig"), args.hz);
+    let shutter = if args.rolling { Shutter::Rolling } else { Shutter::Global };
+    let shipped = Rig { shutter, ..Rig::load_or_shipped(None).expect("the shipped rig") };
+    let rig = match args.rates.as_slice() {
+        [] => rig_at(&shipped, args.hz),
+        rates => rig_of_rates(&shipped, rates),
+    };
     println!(
         "| scenario | tip, µm | bound, µm | ratio | shown, µm | eye, mrad | coverage | longest gap, fields |"
     );

@@ -139,12 +139,12 @@ struct Sighting {
     markers: [u32; BODIES],
 }
 
-/// Fields whose exposures lie a period and so long before an instant, or so long after it, count as of that
+/// Fields whose exposures lie a period of the slowest camera and so long before an instant, or so long after it, count as of that
 /// instant, s.
 const SEEN_WITHIN_S: f64 = 0.0005;
 
 impl Stream {
-    /// Exposures of which a frame is due: those of the first camera, or of another where that has none.
+    /// Exposures of which a frame is due: those of the fastest camera, or of another where that has none.
     pub fn reference_exposures(&self) -> usize {
         let numbers: std::collections::BTreeSet<u64> = self.fields.iter().map(|f| f.field).collect();
         numbers.len()
@@ -152,7 +152,7 @@ impl Stream {
 
     /// How many markers of a body two cameras saw at an instant.
     pub fn markers_seen(&self, body: usize, t_s: f64) -> u32 {
-        let period_s = self.rig.field_period_ns() as f64 * 1e-9;
+        let period_s = self.rig.longest_period_ns() as f64 * 1e-9;
         let first = self.sightings.partition_point(|s| s.exposed_s < t_s - period_s - SEEN_WITHIN_S);
         let near = self.sightings[first..].iter().take_while(|s| s.exposed_s <= t_s + SEEN_WITHIN_S);
         let mut by_camera = [0; MAX_CAMERAS];
@@ -169,6 +169,13 @@ pub fn rig_at(rig: &Rig, hz: f64) -> Rig {
     let scale = rig.field_hz / hz;
     let scaled = |ns: u64| ((ns as f64 * scale) as u64).max(1);
     Rig { field_hz: hz, line_ns: scaled(rig.line_ns), exposure_ns: scaled(rig.exposure_ns), ..rig.clone() }
+}
+
+/// The same with cameras of their own rates, Hz, in the order of the rig; the fastest makes the frames.
+pub fn rig_of_rates(rig: &Rig, rates_hz: &[f64]) -> Rig {
+    let mut mixed = rig_at(rig, rates_hz.iter().copied().fold(0.0, f64::max));
+    mixed.cameras.iter_mut().zip(rates_hz).for_each(|(camera, hz)| camera.field_hz = Some(*hz));
+    mixed
 }
 
 /// First exposure, ns.
@@ -255,11 +262,13 @@ impl Recipe {
     fn draw_motion(&self, rig: &Rig, motion: Motion, exposure: Exposure) -> Stream {
         let hard = self.scenario == Scenario::Hard;
         let failing = rig.cameras[Random::new(self.seed, 1).below(rig.cameras.len())].id;
-        let period = rig.field_period_ns() as f64;
-        let count = (self.seconds * 1e9 / period) as u64;
-        let delay = [DELAY.0, DELAY.1].map(|share| rig.read_out_ns() as f64 + share * period);
+        let frame_period = rig.field_period_ns() as f64;
         let (mut fields, mut sightings) = (Vec::new(), Vec::new());
         for (n, camera) in rig.cameras().iter().enumerate() {
+            let sensor = rig.sensor(camera.id);
+            let period = sensor.period_ns as f64;
+            let count = (self.seconds * 1e9 / period) as u64;
+            let delay = [DELAY.0, DELAY.1].map(|share| sensor.read_out_ns() as f64 + share * frame_period);
             let mut random = Random::new(self.seed, 100 + u64::from(camera.id));
             let losses = Losses::draw(self.scenario, count, hard && failing == camera.id, &mut random);
             let (phase, rate) = match self.scenario {
@@ -284,12 +293,14 @@ impl Recipe {
                 let knock = self.knocks.iter().filter(|k| k.camera == camera.id);
                 let seen_by = knock.fold(camera.clone(), |c, k| k.moved(&c, t_s));
                 let mut seen: BlobField = bytemuck::Zeroable::zeroed();
-                (seen.field, seen.camera, seen.parity) = (field, camera.id, ((field + n as u64) % 2) as u32);
+                (seen.field, seen.camera, seen.parity) = (field, camera.id, sensor.parity(field, n as u32));
                 (seen.exposed_ns, seen.read_out_ns) = (exposed as u64, arrives as u64);
                 seen.blobs_out_ns = arrives as u64;
                 let with_first = exposure == Exposure::Progressive && field % 2 == 1;
                 let early_s = if with_first { period * 1e-9 } else { 0.0 };
-                let markers = imaging::see(rig, &seen_by, &motion.at(t_s - early_s), &mut seen, &mut random);
+                let scene =
+                    imaging::Scene { motion: &motion, t_s: t_s - early_s, row_s: sensor.row_ns() * 1e-9 };
+                let markers = imaging::see(rig, &seen_by, &scene, &mut seen, &mut random);
                 sightings.push(Sighting { exposed_s: t_s, camera: camera.id, markers });
                 if hard {
                     false_blobs(&mut seen, camera, &mut random);
@@ -321,5 +332,7 @@ fn false_blobs(field: &mut BlobField, camera: &Camera, random: &mut Random) {
     }
 }
 
+#[cfg(test)]
+mod camera_tests;
 #[cfg(test)]
 mod tests;

@@ -10,9 +10,8 @@ use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
 use rig::Rig;
 use rig::camera::Camera;
+use tracker::lines::BodyInField;
 use tracker::observation::{BlobObservation, FieldObservation};
-use tracker::pose_math::propagated;
-use tracker::projection::project_marker;
 use tracker::rig_model::RigModel;
 use tracker::stream::track_stream;
 
@@ -141,9 +140,9 @@ fn pair(
     let mut expected: Vec<Expected> = Vec::new();
     for (body, pose) in out.poses.iter().enumerate() {
         let Some(MovingPose { pose, motion }) = pose else { continue };
-        let pose = propagated(pose, motion, dt_s);
+        let placed = BodyInField::new(model, camera.id as usize, pose, motion, dt_s);
         for (m, marker) in model.bodies[body].markers.iter().enumerate() {
-            if let Some(image) = project_marker(marker, &(&pose).into(), camera) {
+            if let Some((image, _)) = placed.image(marker, camera) {
                 let doubt = image.jacobian * image.jacobian.transpose() * (doubt_mm * doubt_mm);
                 let (colour, pixel, area_px) = (marker.colour, image.pixel, image.area_px);
                 expected.push(Expected { body, marker: m, colour, pixel, area_px, doubt });
@@ -167,7 +166,7 @@ fn pair(
                 marker: e.marker,
                 pixel: blob.pixel,
                 covariance: blob.covariance + e.doubt,
-                dt_s,
+                dt_s: model.lines[camera.id as usize].dt_s(dt_s, blob.pixel.y),
                 area_ratio: blob.area_px / e.area_px,
             });
         }

@@ -7,9 +7,10 @@ use crate::checkpoint::{Done, Loader, Saver};
 use crate::constants as k;
 use crate::drift::pose_prior;
 use crate::fit::BlobMatch;
+use crate::lines::BodyInField;
 use crate::observation::camera_of;
-use crate::pose_math::{Matrix6, Vector6, box_minus, propagated};
-use crate::projection::{PoseMatrix, pose_jacobian};
+use crate::pose_math::{Matrix6, Vector6, box_minus};
+use crate::projection::pose_jacobian;
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, MAX_CAMERAS};
 use protocol::poses::EYE;
@@ -56,15 +57,16 @@ pub fn add(evidence: &mut [Evidence; MAX_CAMERAS], input: &AssociationInput<'_>,
     let mut cameras: [Option<OfCamera>; MAX_CAMERAS] = [const { None }; MAX_CAMERAS];
     for field in input.fields() {
         let Some(camera) = camera_of(input.rig, field) else { continue };
-        let pose = propagated(&update.pose, &update.motion, input.dt_s(field));
-        let pose = PoseMatrix::from(&pose);
+        let dt_s = input.dt_s(field);
+        let placed = BodyInField::new(input.rig, field.camera, &update.pose, &update.motion, dt_s);
         let scale = input.area_scales[field.camera];
         let own = cameras[field.camera].get_or_insert_default();
         // The association's gates hide what was moved: markers without a match are searched further away.
-        let seen = sighting::of_matches(input.rig, update, &pose, camera, field, scale);
+        let seen = sighting::of_matches(input.rig, update, &placed, camera, field, scale);
         for s in seen {
             let Some(inverse) = s.covariance.try_inverse() else { continue };
             let weight = inverse / (1.0 + s.offset.norm_squared() / (k::KNOCK_SLOW_PX * k::KNOCK_SLOW_PX));
+            let pose = placed.pose_at(s.image.pixel.y);
             let (a, j) =
                 (scaled_jacobian(camera, &s.image.jacobian, &s.image.point), pose_jacobian(&s.image, &pose));
             let (aw, jw) = (a.transpose() * weight, j.transpose() * weight);

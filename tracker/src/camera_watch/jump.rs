@@ -5,8 +5,9 @@ use super::sighting::{self, Sighting};
 use super::{CameraJacobian, scaled_jacobian, solve};
 use crate::associate::{AssociationInput, PredictedBody};
 use crate::constants as k;
+use crate::lines::BodyInField;
 use crate::observation::{FieldObservation, camera_of};
-use crate::pose_math::{Matrix6, Vector6, propagated};
+use crate::pose_math::{Matrix6, Vector6};
 use crate::projection::{PoseMatrix, pose_jacobian};
 use nalgebra::Vector2;
 use protocol::limits::{BODIES, MAX_MARKERS};
@@ -77,9 +78,10 @@ fn markers_seen(
     let scale = input.area_scales[field.camera];
     for (body, predicted) in predicted.iter().enumerate() {
         let Some(predicted) = predicted else { continue };
-        let pose = propagated(&predicted.pose, &predicted.motion, input.dt_s(field));
-        let pose = PoseMatrix::from(&pose);
-        for sighting in sighting::of_body(input.rig, body, &pose, camera, field, scale, k::KNOCK_REACH_PX) {
+        let (rig, dt_s) = (input.rig, input.dt_s(field));
+        let placed = BodyInField::new(rig, field.camera, &predicted.pose, &predicted.motion, dt_s);
+        for sighting in sighting::of_body(rig, body, &placed, camera, field, scale, k::KNOCK_REACH_PX) {
+            let pose = placed.pose_at(sighting.image.pixel.y);
             seen[count] = Some(Seen { body, pose, sighting });
             count += 1;
         }

@@ -5,9 +5,10 @@ use super::{moved, scaled_jacobian, sighting, solve};
 use crate::associate::{AssociationInput, PredictedBody};
 use crate::checkpoint::{Done, Loader, Saver};
 use crate::constants as k;
+use crate::lines::BodyInField;
 use crate::observation::{FieldObservation, camera_of};
-use crate::pose_math::{Matrix6, Vector6, propagated};
-use crate::projection::{PoseMatrix, project_point};
+use crate::pose_math::{Matrix6, Vector6};
+use crate::projection::project_point;
 use crate::tracker::{load_place, save_place};
 use nalgebra::{Point3, Rotation3, Vector2, Vector3};
 use protocol::limits::{BODIES, MAX_MARKERS};
@@ -107,9 +108,9 @@ impl Resection {
         let mut count = 0;
         for (body, placed) in bodies.iter().enumerate() {
             let Some(placed) = placed else { continue };
-            let pose = propagated(&placed.pose, &placed.motion, input.dt_s(field));
-            let pose = PoseMatrix::from(&pose);
-            for s in sighting::of_body(input.rig, body, &pose, &camera, field, scale, reach) {
+            let (rig, dt_s) = (input.rig, input.dt_s(field));
+            let placed = BodyInField::new(rig, field.camera, &placed.pose, &placed.motion, dt_s);
+            for s in sighting::of_body(rig, body, &placed, &camera, field, scale, reach) {
                 push(&mut self.sightings, (s.image.point, s.image.pixel + s.offset), k::RESECTION_SIGHTINGS);
                 seen[count] = s.offset;
                 count += 1;

@@ -3,8 +3,9 @@
 
 use super::evidence::BodyUpdate;
 use crate::constants as k;
+use crate::lines::BodyInField;
 use crate::observation::{BlobObservation, FieldObservation, marker_covariance};
-use crate::projection::{MarkerImage, PoseMatrix, project_marker};
+use crate::projection::MarkerImage;
 use crate::rig_model::{Marker, RigModel};
 use nalgebra::{Matrix2, Vector2};
 use rig::camera::Camera;
@@ -20,18 +21,18 @@ pub struct Sighting {
     pub covariance: Matrix2<f64>,
 }
 
-/// The markers of a body at `pose` that are seen whole within `reach_px` of where they should be.
+/// The markers of a body, where it is in that field, that are seen whole within `reach_px` of where they should be.
 pub fn of_body<'a>(
     rig: &'a RigModel,
     body: usize,
-    pose: &'a PoseMatrix,
+    placed: &'a BodyInField,
     camera: &'a Camera,
     field: &'a FieldObservation,
     area_scale: f64,
     reach_px: f64,
 ) -> impl Iterator<Item = Sighting> + 'a {
     rig.bodies[body].markers.iter().filter_map(move |marker| {
-        let image = project_marker(marker, pose, camera)?;
+        let (image, _) = placed.image(marker, camera)?;
         nearest(marker, &image, field, area_scale, reach_px)
     })
 }
@@ -41,13 +42,13 @@ pub fn of_body<'a>(
 pub fn of_matches<'a>(
     rig: &'a RigModel,
     update: &'a BodyUpdate<'_>,
-    pose: &'a PoseMatrix,
+    placed: &'a BodyInField,
     camera: &'a Camera,
     field: &'a FieldObservation,
     area_scale: f64,
 ) -> impl Iterator<Item = Sighting> + 'a {
     rig.bodies[update.body].markers.iter().enumerate().filter_map(move |(index, marker)| {
-        let image = project_marker(marker, pose, camera)?;
+        let (image, _) = placed.image(marker, camera)?;
         let matched = update.matches.iter().find(|m| m.camera == field.camera && m.marker == index);
         let Some(m) = matched else {
             return nearest(marker, &image, field, area_scale, k::KNOCK_SLOW_REACH_PX);

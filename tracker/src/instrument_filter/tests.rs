@@ -149,3 +149,38 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn the_motion_follows_the_pose_as_an_update_has_it() {
+    let tip = |t: f64| Vector3::new(20.0 * t, -10.0 * t + 0.05 * (63.0 * t).sin(), -4.0);
+    let mut f = filter(tip(0.0));
+    for n in 1..20u64 {
+        f.predict(FIELD_NS * (n + 1), Some(pivot()));
+        measure(&mut f, &through(tip(n as f64 * 0.02)), &(Matrix6::identity() * 1e-6));
+    }
+    f.predict(FIELD_NS * 21, Some(pivot()));
+    for axis in 0..6 {
+        let mut f = f.clone();
+        let prior = f.pose_covariance().try_inverse().unwrap();
+        let (given, before) = (f.motion_given_pose(&prior), f.motion());
+        let mut off = crate::pose_math::Vector6::zeros();
+        off[axis] = 1e-5;
+        let expected = given.motion(&before, &off);
+        // A turn takes the shaft along, about which it turns: of second order.
+        let second = if axis < 3 { 1e-6 } else { 3e-5 * before[1].norm() + 1e-6 };
+        let covariance = f.pose_covariance() * 0.5;
+        assert!(f.update(&crate::pose_math::box_plus(&f.pose(), &off), &covariance, &prior));
+        for ((after, expected), before) in f.motion().iter().zip(&expected).zip(&before) {
+            let change = (expected - before).norm();
+            assert!(
+                (after - expected).norm() < 0.02 * change + second,
+                "{axis}: {after}, {expected}, {before}"
+            );
+        }
+        // A row of the picture that the axis moves by a pixel a millimetre: what remains is less than all.
+        let mut then = nalgebra::SMatrix::<f64, 2, 6>::zeros();
+        then[(0, axis)] = 1.0;
+        let rest = given.spread(&then, 0.01)[(0, 0)];
+        assert!(rest > 0.0 && rest < 1.0, "{axis}: {rest}");
+    }
+}

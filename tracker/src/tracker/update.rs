@@ -8,7 +8,7 @@ use crate::camera_watch::{BodyUpdate, members};
 use crate::fit::{BlobMatch, PoseFit, PoseProblem, TrocarInWorld, trocar_miss};
 use crate::match_log::UpdateResult;
 use crate::observation::FieldObservation;
-use crate::pose_math::{Matrix6, exp};
+use crate::pose_math::{Matrix6, box_minus, exp};
 use crate::rig_model::RigModel;
 use crate::track::Track;
 use crate::{constants as k, roll_recovery};
@@ -121,9 +121,15 @@ impl Tracker {
 
     /// One assignment, about the fitted poses where there are some, else about the predicted ones.
     fn assign(&mut self, group: Group, fits: &Fits) -> Association {
+        let rolls = self.rig.rolls();
         let predicted = std::array::from_fn(|body| {
-            let mut predicted = self.tracks[body].predicted()?;
+            let track = &self.tracks[body];
+            let mut predicted = if rolls { track.predicted_for_lines()? } else { track.predicted()? };
             if let Some(fit) = &fits[body] {
+                if let Some(given) = &predicted.given {
+                    let off = box_minus(&fit.pose, &predicted.pose);
+                    predicted.motion = given.motion(&predicted.motion, &off);
+                }
                 (predicted.pose, predicted.covariance) = (fit.pose, fit.covariance);
             }
             Some(predicted)

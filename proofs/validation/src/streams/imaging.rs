@@ -1,9 +1,9 @@
 //! What a camera sees of the markers: discs that shafts and nearer markers hide in part, merged where
 //! they are of one colour and touch, with noise that falls with the root of the area.
 
-use super::motion::Placed;
+use super::motion::{Motion, Placed};
 use nalgebra::{Point3, Vector2, Vector3};
-use protocol::blobs::{Blob, BlobField, Colour};
+use protocol::blobs::{Blob, BlobField, Colour, WHOLE_FRAME, field_line};
 use protocol::limits::BODIES;
 use protocol::poses::BODY_NAMES;
 use protocol::random::Random;
@@ -75,16 +75,47 @@ pub(super) fn blob(colour: Colour, area_px: f64, width_px: f64) -> Blob {
     }
 }
 
+/// What there is to see: everything at the instant of a field, and when its lines are exposed.
+pub(super) struct Scene<'a> {
+    pub motion: &'a Motion,
+    pub t_s: f64,
+    /// By how much a line of the frame is exposed later than the one above it, s.
+    pub row_s: f64,
+}
+
+impl Scene<'_> {
+    /// Everything when line `y_px` of a frame of `height_px` lines is exposed.
+    fn at_line(&self, y_px: f64, height_px: u32) -> Placed {
+        self.motion.at(self.t_s + (y_px - 0.5 * f64::from(height_px)) * self.row_s)
+    }
+
+    /// A point of a body, at `p` at the field's instant, when the line that shows it is exposed.
+    fn when_seen(
+        &self,
+        camera: &Camera,
+        body: usize,
+        in_body: Point3<f64>,
+        mut p: Point3<f64>,
+    ) -> Option<Point3<f64>> {
+        // Each round is nearer by the speed of the image in lines over that of the read-out, some hundredths.
+        for _ in 0..if self.row_s == 0.0 { 0 } else { 4 } {
+            let line = camera.project(&p)?.y;
+            p = self.at_line(line, camera.size_px[1]).bodies[body] * in_body;
+        }
+        Some(p)
+    }
+}
+
 /// Adds the blobs of all markers; returns the sets of markers that have one, by body.
 pub(super) fn see(
     rig: &Rig,
     camera: &Camera,
-    placed: &Placed,
+    scene: &Scene<'_>,
     field: &mut BlobField,
     random: &mut Random,
 ) -> [u32; BODIES] {
     let mut markers = [0; BODIES];
-    let (discs, shafts) = images(rig, camera, placed);
+    let (discs, shafts) = images(rig, camera, scene);
     let mut blobs: Vec<(Vector2<f64>, f64, Vector2<f64>, Colour)> = Vec::new();
     for (i, disc) in discs.iter().enumerate() {
         let (mut sum, mut seen) = (Vector2::zeros(), 0);
@@ -115,13 +146,15 @@ pub(super) fn see(
         }
     }
     merge(&mut blobs);
+    // A whole frame has twice the lines of a field.
+    let whole = if field.parity == WHOLE_FRAME { 2.0 } else { 1.0 };
     for (centre, area, size, colour) in blobs {
         let noise = NOISE_PX.map(|n| n * random.normal() / libm::sqrt(area.max(1.0)));
         field.push(Blob {
             x_px: centre.x + noise[0],
-            y_field_px: (centre.y + noise[1] - f64::from(field.parity)) / 2.0,
-            height_px: 0.5 * size.y,
-            ..blob(colour, area * (1.0 + AREA_NOISE * random.normal()), size.x)
+            y_field_px: field_line(centre.y + noise[1], field.parity),
+            height_px: 0.5 * whole * size.y,
+            ..blob(colour, whole * area * (1.0 + AREA_NOISE * random.normal()), size.x)
         });
     }
     markers
@@ -147,13 +180,15 @@ fn merge(blobs: &mut Vec<(Vector2<f64>, f64, Vector2<f64>, Colour)>) {
     }
 }
 
-fn images(rig: &Rig, camera: &Camera, placed: &Placed) -> (Vec<Disc>, Vec<Shaft>) {
+fn images(rig: &Rig, camera: &Camera, scene: &Scene<'_>) -> (Vec<Disc>, Vec<Shaft>) {
+    let placed = scene.motion.at(scene.t_s);
     let (mut discs, mut shafts) = (Vec::new(), Vec::new());
     for (body, name) in BODY_NAMES.iter().enumerate() {
         let Some(own) = rig.body(name) else { continue };
         let pose = &placed.bodies[body];
         for (index, marker) in own.markers.iter().enumerate() {
-            let p = pose * Point3::from(Vector3::from(marker.p));
+            let in_body = Point3::from(Vector3::from(marker.p));
+            let Some(p) = scene.when_seen(camera, body, in_body, pose * in_body) else { continue };
             let Some(centre) = camera.project(&p) else { continue };
             let depth = camera.in_camera(&p).z;
             discs.push(Disc {
