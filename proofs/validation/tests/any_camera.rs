@@ -111,14 +111,13 @@ fn cameras_of_one_rig_may_differ() {
     }
 }
 
-/// A rolling shutter of 14 ms from the first line to the last, taken at the instant of the middle line: what is seen
-/// above and below it is a little earlier and later, which costs some µm, and no body is lost.
+/// A rolling shutter of 14 ms from the first line to the last: each blob counts at the instant of its line, and tips are
+/// nearly as good as with a global one.
 #[test]
-fn a_rolling_shutter_costs_a_few_micrometres() {
+fn a_rolling_shutter_costs_next_to_nothing() {
     let with = |shutter| checked(|rig| (rig.shutter, rig.line_ns, rig.field_hz) = (shutter, 30_000, 60.0));
     let [rolling, global] =
         [Shutter::Rolling, Shutter::Global].map(with).map(|rig| track(&rig, Path::Direct, 6.0));
     println!("rolling {rolling:?}, global {global:?}");
-    assert!(rolling.rms_um < 8.0 && rolling.measured > 0.9, "{rolling:?}");
-    assert!(global.rms_um < rolling.rms_um, "{global:?}, {rolling:?}");
+    assert!(rolling.rms_um < 1.15 * global.rms_um && rolling.measured > 0.9, "{rolling:?}, {global:?}");
 }
