@@ -75,3 +75,47 @@ fn a_rig_of_200_hz_runs_with_poses_steps_and_pictures_and_its_recording_verifies
     let scored = vitreo(&["score", record.to_str().expect("UTF-8"), "--json"]);
     assert!(scored.stdout.contains("tremor"), "{scored:?}");
 }
+
+/// Cameras of 50, 100 and 200 Hz: frames at 200, each with the fields that were exposed in its period.
+#[test]
+fn cameras_of_different_rates_run_together_and_their_recording_verifies() {
+    let folder = tempfile::tempdir().expect("folder");
+    let mut rig = Rig::load(&repository().join("assets/rig-200hz.json")).expect("the shipped rig");
+    (rig.cameras[0].field_hz, rig.cameras[1].field_hz) = (Some(50.0), Some(100.0));
+    let file = folder.path().join("rig.json");
+    std::fs::write(&file, rig.to_json()).expect("a rig");
+    let (_, record) = run(folder.path(), &file, "--no-picture");
+    let (mut poses, mut used, mut measured) = (Vec::new(), [0; 3], [0; 3]);
+    let mut fields = [const { Vec::new() }; 3];
+    for (_, item) in Recording::open(&record).expect("a recording").items_of(&["poses", "blobs"]).flatten() {
+        match item {
+            Item::Poses(frame) => {
+                poses.push((frame.field, frame.instants.exposed));
+                let of_frame = &frame.used[..frame.used_count as usize];
+                of_frame.iter().for_each(|field| used[field.camera as usize] += 1);
+                let all = frame.bodies.iter().zip(&mut measured);
+                all.for_each(|(body, n)| *n += u64::from(body.validity == Validity::Measured as u32));
+            }
+            Item::Blobs(field) => fields[field.camera as usize].push((field.field, field.exposed_ns)),
+            _ => {}
+        }
+    }
+    println!("{} poses, fields used {used:?}, measured {measured:?}", poses.len());
+    let apart = distances(&poses);
+    assert!(apart.len() > 200 && apart.iter().all(|ns| *ns == 5_000_000), "{} in a row", apart.len());
+    for (camera, (of_camera, period_ns)) in fields.iter().zip([20_000_000, 10_000_000, 5_000_000]).enumerate()
+    {
+        let apart = distances(of_camera);
+        assert!(apart.len() > 50 && apart.iter().all(|ns| *ns == period_ns), "camera {camera}: {apart:?}");
+    }
+    // Each camera's share of the fields, as far as the machine made them.
+    for (camera, share) in [(0, 4), (1, 2)] {
+        let (own, fastest) = (used[camera] * share, used[2]);
+        assert!(10 * own > 8 * fastest && 8 * own < 10 * fastest, "{used:?}");
+    }
+    for (body, n) in BODY_NAMES.iter().zip(measured) {
+        assert!(2 * n > poses.len() as u64, "{body} was measured in {n} of {} frames", poses.len());
+    }
+    let verified = verify(&record).expect_but([200, 200], &[WITHOUT_FRAME]);
+    println!("verified: {:?}, {:?}", verified.poses(), verified.states());
+}

@@ -57,7 +57,7 @@ pub struct PixelsHead {
     pub rig_json: String,
     /// Ids of the cameras, in the rig's order.
     pub cameras: Vec<u32>,
-    /// Fields a second of each.
+    /// Fields a second of the fastest.
     pub field_hz: f64,
     /// CLOCK_REALTIME less CLOCK_MONOTONIC at the start, ns, wrapping.
     pub realtime_offset_ns: u64,

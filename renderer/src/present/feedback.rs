@@ -27,7 +27,7 @@ pub enum Feedback {
     /// Wayland's presentation-time.
     Wayland(wayland::Presentation),
     /// X11's Present.
-    X11(x11::Present),
+    X11(Box<x11::Present>),
 }
 
 impl Feedback {
@@ -41,10 +41,12 @@ impl Feedback {
                 wayland::Presentation::open(display.display, window.surface).map(Feedback::Wayland)
             }
             (_, RawWindowHandle::Xlib(window)) => match u32::try_from(window.window) {
-                Ok(window) => x11::Present::open(window).map(Feedback::X11),
+                Ok(window) => x11::Present::open(window).map(Box::new).map(Feedback::X11),
                 Err(e) => Err(e.to_string()),
             },
-            (_, RawWindowHandle::Xcb(window)) => x11::Present::open(window.window.get()).map(Feedback::X11),
+            (_, RawWindowHandle::Xcb(window)) => {
+                x11::Present::open(window.window.get()).map(Box::new).map(Feedback::X11)
+            }
             _ => Err("this window system is not known".into()),
         };
         opened.unwrap_or_else(|problem| {

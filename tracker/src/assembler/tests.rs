@@ -197,7 +197,7 @@ fn the_fastest_camera_makes_the_frames_and_slower_ones_are_awaited_when_they_are
         assert_eq!(closed.closed_by, ClosedBy::Inputs, "frame {n}");
         let expected: Vec<_> = [(1, 2), (2, 1), (0, 4)]
             .into_iter()
-            .filter(|&(_, every)| n % every == 0)
+            .filter(|&(_, every)| n.is_multiple_of(every))
             .map(|(camera, every)| (camera, n / every))
             .collect();
         assert_eq!(*used, expected, "frame {n}");

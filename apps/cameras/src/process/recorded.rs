@@ -12,6 +12,7 @@ use fpga_model::input::recorded::Recorded;
 use ipc::clock::now;
 use protocol::blobs::WHOLE_FRAME;
 use protocol::fields::FieldHeader;
+use rig::Rig;
 use std::path::PathBuf;
 
 /// More fields than this are never filled up at once.
@@ -46,9 +47,11 @@ impl RecordedReader {
             self.camera
         );
         let hz = self.expected.field_hz;
-        let note = ((head.field_hz / hz - 1.0).abs() > 0.01).then(|| {
-            format!("says {:.2} fields a second and is taken for the {hz:.2} of the rig", head.field_hz)
-        });
+        // Its rig knows the rate of each camera.
+        let rig = Rig::parse(&head.rig_json, "rig");
+        let own_hz = rig.map_or(head.field_hz, |rig| 1e9 / rig.sensor(self.camera).period_ns as f64);
+        let note = ((own_hz / hz - 1.0).abs() > 0.01)
+            .then(|| format!("says {own_hz:.2} fields a second and is taken for the {hz:.2} of the rig"));
         let mut recorded = Recorded::open(&self.path, self.camera)?;
         self.line.tell(Told::Opened { is_file: true, settings: String::new(), note })?;
         let (mut next, mut is_first) = (0, true);

@@ -36,7 +36,8 @@ fn blobs_of_a_recording_are_those_of_clips() {
     let path = |name: &str| folder.path().join(name);
     let mut packed = Pixels::begin(&path("a.mcap"), count, &rig, &mut outputs).unwrap();
     assert!(!path("a.mcap").exists(), "it has its name with its first field");
-    let mut clips = Clips::begin(folder.path(), count, rig.field_hz, &mut outputs).unwrap();
+    let mut clips =
+        Clips::begin(folder.path(), std::iter::repeat_n(rig.field_hz, count), &mut outputs).unwrap();
     let scene = SceneFile::load(DEFAULT_SCENE).unwrap();
     let mut surgeon = MotionSource::new(&scene, &rig, None, 1);
     let mut cameras = Cameras::new(&rig, Way::Pixels, 1).unwrap();
