@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo demo-repeat test latency soak hour hour-live seek endure defects test-python test-genicam test-drivers test-viewers fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
+.PHONY: help setup setup-python demo demo-repeat test latency soak hour hour-live seek endure defects test-python test-genicam test-display test-drivers test-viewers fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
 	version tag release-programs stage deb test-deb sbom reproducible deny clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -150,6 +150,12 @@ test-genicam: setup ## Run three GenICam cameras of aravis' making, with and wit
 	cargo test --release -p cameras --features genicam --lib
 	cargo build --release --workspace --bins --features cameras/genicam
 	SECONDS_EACH="$(SECONDS_EACH)" VITREO=$(TARGET)/release packaging/tools/test-genicam
+
+test-display: setup ## Hold what an X server and a Wayland compositor say of when they showed pictures (installs xvfb and weston)
+	@missing=""; command -v Xvfb >/dev/null || missing="$$missing xvfb"; command -v weston >/dev/null || missing="$$missing weston"; \
+	if [ -n "$$missing" ]; then $(AS_ROOT) apt-get update -qq; $(AS_ROOT) env $(INSTALL) $$missing; fi
+	cargo build --release --workspace
+	VITREO=$(TARGET)/release packaging/tools/test-display
 
 test-drivers: setup setup-python ## Kill a driver a hundred times during a run, and install and use the Python package (KILLS=1000)
 	cargo build --release --workspace

@@ -7,6 +7,8 @@
 #![allow(unsafe_code)] // the window's connection and surface come as pointers; each use has its SAFETY note
 
 use super::Answer;
+use protocol::time::Nanos;
+use rustix::time::{ClockId, clock_gettime};
 use std::ffi::c_void;
 use std::ptr::NonNull;
 use wayland_client::backend::{Backend, ObjectId};
@@ -19,8 +21,14 @@ use wayland_protocols::wp::presentation_time::client::wp_presentation_feedback::
     self, WpPresentationFeedback,
 };
 
-/// `CLOCK_MONOTONIC` of Linux.
-const MONOTONIC: u32 = 1;
+/// Clocks of Linux by which compositors may count.
+const CLOCKS: [(u32, ClockId); 5] = [
+    (0, ClockId::Realtime),
+    (1, ClockId::Monotonic),
+    (4, ClockId::MonotonicRaw),
+    (6, ClockId::MonotonicCoarse),
+    (7, ClockId::Boottime),
+];
 
 /// Asks a compositor about the pictures of a surface.
 pub struct Presentation {
@@ -29,6 +37,7 @@ pub struct Presentation {
     answers: Answers,
     presentation: WpPresentation,
     surface: WlSurface,
+    clock: ClockId,
 }
 
 #[derive(Default)]
@@ -41,7 +50,7 @@ impl Presentation {
     /// For the surface of a window, which must outlive this.
     ///
     /// # Errors
-    /// In words, where the compositor does not have the protocol, or tells the instants of another clock.
+    /// In words, where the compositor does not have the protocol, or counts by a clock that this machine does not have.
     pub fn open(display: NonNull<c_void>, surface: NonNull<c_void>) -> Result<Self, String> {
         // SAFETY: winit hands out the wl_display of its own connection, which is open as long as its window is;
         // a backend made from a foreign display never closes it.
@@ -57,10 +66,10 @@ impl Presentation {
             .map_err(|_| "the compositor lacks presentation-time".to_owned())?;
         let mut answers = Answers::default();
         queue.roundtrip(&mut answers).map_err(|e| e.to_string())?;
-        match answers.clock {
-            Some(MONOTONIC) => Ok(Presentation { connection, queue, answers, presentation, surface }),
-            other => Err(format!("the compositor counts by clock {other:?}, not by CLOCK_MONOTONIC")),
-        }
+        let told = answers.clock.ok_or("the compositor names no clock")?;
+        let clock = CLOCKS.iter().find(|(number, _)| *number == told).map(|(_, clock)| *clock);
+        let clock = clock.ok_or_else(|| format!("the compositor counts by clock {told}"))?;
+        Ok(Presentation { connection, queue, answers, presentation, surface, clock })
     }
 
     /// Asks about the next commit of the surface, which is to show `frame`.
@@ -74,8 +83,17 @@ impl Presentation {
     pub fn take_answers(&mut self, mut answer: impl FnMut(Answer)) {
         // A connection that is gone is the window's to tell.
         let _ = self.queue.dispatch_pending(&mut self.answers);
-        self.answers.come.drain(..).for_each(&mut answer);
+        // The clocks drift apart slowly; an answer is some milliseconds old.
+        let ahead = nanos(self.clock).wrapping_sub(nanos(ClockId::Monotonic));
+        for Answer { frame, displayed } in self.answers.come.drain(..) {
+            answer(Answer { frame, displayed: displayed.map(|at| at.wrapping_sub(ahead)) });
+        }
     }
+}
+
+fn nanos(clock: ClockId) -> Nanos {
+    let now = clock_gettime(clock);
+    now.tv_sec.cast_unsigned().wrapping_mul(1_000_000_000).wrapping_add(now.tv_nsec.cast_unsigned())
 }
 
 impl Dispatch<WpPresentation, ()> for Answers {

@@ -63,3 +63,51 @@ impl Present {
 fn nanos(ust: u64) -> Nanos {
     ust.saturating_add(1).saturating_mul(1_000)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::{Duration, Instant};
+    use x11rb::protocol::present::ConnectionExt as _;
+    use x11rb::protocol::xproto::{ConnectionExt as _, CreateWindowAux, WindowClass};
+    use x11rb::{COPY_DEPTH_FROM_PARENT, COPY_FROM_PARENT, NONE};
+
+    /// Another connection presents pixmaps, as a graphics driver does.
+    #[test]
+    #[ignore = "needs an X server: make test-display"]
+    fn an_x_server_says_when_it_showed_pixmaps() {
+        let (driver, screen) = x11rb::connect(None).unwrap();
+        let screen = &driver.setup().roots[screen];
+        let [window, pixmap] = [(); 2].map(|()| driver.generate_id().unwrap());
+        let (depth, class) = (COPY_DEPTH_FROM_PARENT, WindowClass::INPUT_OUTPUT);
+        let wish = CreateWindowAux::new();
+        driver
+            .create_window(depth, window, screen.root, 0, 0, 64, 64, 0, class, COPY_FROM_PARENT, &wish)
+            .unwrap();
+        driver.create_pixmap(screen.root_depth, pixmap, window, 64, 64).unwrap();
+        driver.map_window(window).unwrap().check().unwrap();
+        let mut present = Present::open(window).unwrap();
+        let (mut told, mut shown) = (Vec::new(), Vec::new());
+        for frame in 10..20 {
+            present.ask(frame);
+            let began = now();
+            driver
+                .present_pixmap(window, pixmap, 1, NONE, NONE, 0, 0, NONE, NONE, NONE, 0, 0, 0, 0, &[])
+                .unwrap()
+                .check()
+                .unwrap();
+            let waited = Instant::now();
+            while told.len() < shown.len() + 1 && waited.elapsed() < Duration::from_secs(5) {
+                present.take_answers(|answer| told.push(answer));
+            }
+            shown.push((frame, began));
+        }
+        let frames: Vec<_> = told.iter().map(|answer| answer.frame).collect();
+        assert_eq!(frames, (10..20).collect::<Vec<_>>());
+        for (answer, (_, began)) in told.iter().zip(shown) {
+            let at = answer.displayed.expect("nothing replaced it");
+            assert!(at >= began && at <= now(), "{at}: presented at {began}");
+        }
+        assert_eq!(Present::open(NONE).err().map(|problem| problem.is_empty()), Some(false));
+    }
+}
