@@ -102,10 +102,10 @@ impl Present {
         }
     }
 
-    /// Lets the display have it, if there is one, as the picture of `frame`.
-    pub fn show(&mut self, gpu: &Gpu, target: &Target, text: &str, frame: u64) -> Handed {
+    /// Lets the display have it at `now`, if there is one, as the picture of `frame`.
+    pub fn show(&mut self, gpu: &Gpu, target: &Target, text: &str, frame: u64, now: Nanos) -> Handed {
         let Some(window) = &mut self.0 else { return Handed::Nowhere };
-        if window.show(gpu, target, text, frame) { Handed::Asked } else { Handed::Over }
+        if window.show(gpu, target, text, frame, now) { Handed::Asked } else { Handed::Over }
     }
 
     /// Hands on what the display has said of pictures since the last call.

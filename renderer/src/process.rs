@@ -322,7 +322,7 @@ impl RendererShell {
         self.last_drawn = done;
         // Presenting takes time where the processor copies the picture to the display.
         let text = self.renderer.text();
-        let handed = self.present.show(&self.gpu, self.renderer.target(tier), text, self.frame);
+        let handed = self.present.show(&self.gpu, self.renderer.target(tier), text, self.frame, done);
         self.shell.trace.end(Phase::Present, about, done);
         let shown = if handed == Handed::Nowhere { drawn } else { now() };
         self.pacing.record_frame(frame_start, latched_at, shown);

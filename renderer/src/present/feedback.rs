@@ -55,13 +55,12 @@ impl Feedback {
         })
     }
 
-    /// Asks about the picture of `frame`; to be called immediately before it is presented. False if nothing will be
-    /// answered.
-    pub fn ask(&mut self, frame: u64) -> bool {
+    /// Asks at `now` about the picture of `frame`, which is presented next. False if nothing will be answered.
+    pub fn ask(&mut self, frame: u64, now: Nanos) -> bool {
         match self {
             Feedback::None => return false,
             Feedback::Wayland(presentation) => presentation.ask(frame),
-            Feedback::X11(present) => present.ask(frame),
+            Feedback::X11(present) => present.ask(frame, now),
         }
         true
     }

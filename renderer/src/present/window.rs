@@ -399,10 +399,10 @@ impl Window {
 
     /// Queues the picture for the next refresh; where channels alternate, the right one for the
     /// refresh after that. True if the display will say when it showed the picture of `frame`.
-    pub fn show(&mut self, gpu: &Gpu, target: &Target, text: &str, frame: u64) -> bool {
+    pub fn show(&mut self, gpu: &Gpu, target: &Target, text: &str, frame: u64, now: Nanos) -> bool {
         let mut asked = false;
         if let Some(acquired) = self.acquired.take() {
-            asked = self.feedback.ask(frame);
+            asked = self.feedback.ask(frame, now);
             gpu.queue.present(acquired);
         }
         if self.config.arrangement == Arrangement::Sequential {
@@ -410,7 +410,7 @@ impl Window {
             self.copy_channel(gpu, target, text, 1);
             if let Some(acquired) = self.acquired.take() {
                 // Answers that do not name their picture are counted.
-                self.feedback.ask(NO_FRAME);
+                self.feedback.ask(NO_FRAME, now);
                 gpu.queue.present(acquired);
             }
         }

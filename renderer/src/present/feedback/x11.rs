@@ -2,7 +2,6 @@
 //! whoever presents it. The driver presents on a connection of its own, so answers are matched to frames by their order.
 
 use super::{Answer, InOrder};
-use ipc::clock::now;
 use protocol::time::Nanos;
 use x11rb::connection::{Connection, RequestConnection};
 use x11rb::protocol::Event;
@@ -34,9 +33,9 @@ impl Present {
         Ok(Present { connection, order: InOrder::default() })
     }
 
-    /// The next pixmap that is presented shows `frame`.
-    pub fn ask(&mut self, frame: u64) {
-        self.order.ask(frame, now());
+    /// The next pixmap that is presented, from `now` on, shows `frame`.
+    pub fn ask(&mut self, frame: u64, now: Nanos) {
+        self.order.ask(frame, now);
     }
 
     /// Forgets what was asked.
@@ -67,6 +66,7 @@ fn nanos(ust: u64) -> Nanos {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use ipc::clock::now;
     use std::time::{Duration, Instant};
     use x11rb::protocol::present::ConnectionExt as _;
     use x11rb::protocol::xproto::{ConnectionExt as _, CreateWindowAux, WindowClass};
@@ -89,8 +89,8 @@ mod tests {
         let mut present = Present::open(window).unwrap();
         let (mut told, mut shown) = (Vec::new(), Vec::new());
         for frame in 10..20 {
-            present.ask(frame);
             let began = now();
+            present.ask(frame, began);
             driver
                 .present_pixmap(window, pixmap, 1, NONE, NONE, 0, 0, NONE, NONE, NONE, 0, 0, 0, 0, &[])
                 .unwrap()
