@@ -68,7 +68,6 @@ mod tests {
     use super::*;
     use ipc::clock::now;
     use std::time::{Duration, Instant};
-    use x11rb::protocol::present::ConnectionExt as _;
     use x11rb::protocol::xproto::{ConnectionExt as _, CreateWindowAux, WindowClass};
     use x11rb::{COPY_DEPTH_FROM_PARENT, COPY_FROM_PARENT, NONE};
 
