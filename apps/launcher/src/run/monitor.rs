@@ -50,6 +50,8 @@ pub struct Monitor {
     /// What vitrectors have taken by the newest step; `None` before the first.
     pub removed: Option<Removed>,
     frames_by_tier: BTreeMap<u32, u64>,
+    /// Frames of which the display server said when it showed them.
+    reported: u64,
     tiers: Vec<TierChoice>,
     first_frame_ns: Nanos,
     measured_ns: Nanos,
@@ -94,6 +96,7 @@ impl Monitor {
             self.first_frame_ns = frame.displayed;
         }
         *self.frames_by_tier.entry(frame.tier).or_default() += 1;
+        self.reported += u64::from(frame.flags & DISPLAY_REPORTED != 0);
         let changed = self.frame.is_none_or(|before| before.tier != frame.tier);
         if changed && self.tiers.len() < TIER_CHOICES {
             let at_s = frame.displayed.saturating_sub(self.first_frame_ns) as f64 * 1e-9;
@@ -127,16 +130,17 @@ impl Monitor {
             tiers: self.tiers.clone(),
             width_px: frame.width_px,
             height_px: frame.height_px,
-            displayed: displayed_by(frame.flags),
+            displayed: displayed_by(frame.flags, self.reported),
+            reported: self.reported,
             renderer,
         })
     }
 }
 
-/// What `displayed` of a frame with these flags is.
-fn displayed_by(flags: u32) -> &'static str {
-    if flags & DISPLAY_REPORTED != 0 {
-        "the display server's word: when the picture began to be shown"
+/// What `displayed` is, where the last frame has these flags.
+fn displayed_by(flags: u32, reported: u64) -> &'static str {
+    if reported > 0 {
+        "the display server's word on when the picture began to be shown, an estimate where it had none"
     } else if flags & DISPLAY_ESTIMATED != 0 {
         "an estimate: the first refresh after the picture was handed over"
     } else {
@@ -197,5 +201,10 @@ mod tests {
         assert!(picture.displayed.starts_with("the instant at which"));
         monitor.note(&Item::Frame(FrameRecord { flags: DISPLAY_ESTIMATED, ..FrameRecord::zeroed() }));
         assert!(monitor.picture("x".into()).unwrap().displayed.starts_with("an estimate"));
+        for flags in [DISPLAY_REPORTED, DISPLAY_ESTIMATED] {
+            monitor.note(&Item::Frame(FrameRecord { flags, ..FrameRecord::zeroed() }));
+        }
+        let picture = monitor.picture("x".into()).unwrap();
+        assert_eq!((picture.reported, picture.displayed.starts_with("the display server's word")), (1, true));
     }
 }

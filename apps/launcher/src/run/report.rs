@@ -144,6 +144,8 @@ pub struct Picture {
     pub height_px: u32,
     /// What the frames' instant `displayed` is, by which the whole system is judged.
     pub displayed: &'static str,
+    /// Frames of which it is the display server's word.
+    pub reported: u64,
     /// In the renderer's own words: adapter, tier.
     pub renderer: String,
 }
@@ -359,7 +361,9 @@ impl Report {
             write!(out, "2 × {width} × {height} px, tier {}", p.tier)?;
             let why = p.tiers.last().map_or("", |choice| choice.reason);
             writeln!(out, " ({why}; {} choices)", p.tiers.len())?;
-            writeln!(out, "         displayed is {}", p.displayed)?;
+            write!(out, "         displayed is {}", p.displayed)?;
+            let of = format!(" ({} of {} frames have its word)", p.reported, p.frames);
+            writeln!(out, "{}", if p.reported > 0 { of.as_str() } else { "" })?;
         }
         for delivery in &self.cameras {
             writeln!(out, "{}", delivery.line())?;
