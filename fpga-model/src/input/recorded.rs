@@ -8,6 +8,9 @@ use protocol::file::MAX_SETTINGS_BYTES;
 use recording::{PixelsHead, PixelsReader};
 use std::path::Path;
 
+/// What is said of a recording whose end is missing.
+pub const CUT: &str = "ends in the middle, its writer was stopped or still writes";
+
 /// One camera of a recording.
 pub struct Recorded {
     reader: PixelsReader,

@@ -9,7 +9,7 @@
 //! `k`-th still; list and pictures must end together.
 
 use super::camera::Camera;
-use super::recorded::Recorded;
+use super::recorded::{CUT, Recorded};
 use super::y4m::{Clip, MAGIC};
 use super::{FieldView, Interlace, Picture, still};
 use crate::colours::ColourTable;
@@ -105,6 +105,18 @@ impl Feed {
         Some(FieldHead { cam, seq, t_ns: header.exposed_ns, t_rx_ns: header.read_out_ns(), parity })
     }
 
+    /// Warns where a recording ends in the middle.
+    fn warn_if_cut(&self) {
+        if let Kind::Recorded(recorded) = &self.kind
+            && recorded.is_cut()
+        {
+            let last = recorded
+                .header
+                .map_or("it has none of its fields".into(), |h| format!("its last field is {}", h.field));
+            tracing::warn!("{}: {CUT}: camera {}: {last}", recorded.file(), recorded.camera());
+        }
+    }
+
     /// Reads the next field and returns its parity; `None` at the end.
     fn advance(&mut self) -> Result<Option<u32>> {
         if self.waiting.is_empty() {
@@ -122,6 +134,7 @@ impl Feed {
                 },
             };
             if !found {
+                self.warn_if_cut();
                 return Ok(None);
             }
             ensure!(

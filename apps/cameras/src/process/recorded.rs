@@ -8,7 +8,7 @@ use crate::stream::{Expected, is_black};
 use anyhow::{Result, ensure};
 use fpga_model::colours::convert::{BLACK, GREY};
 use fpga_model::input::Picture;
-use fpga_model::input::recorded::Recorded;
+use fpga_model::input::recorded::{CUT, Recorded};
 use ipc::clock::now;
 use protocol::blobs::WHOLE_FRAME;
 use protocol::fields::FieldHeader;
@@ -74,6 +74,7 @@ impl RecordedReader {
             self.bring(picture, parity(header.field), std::mem::take(&mut is_first))?;
             next = header.field + 1;
         }
+        ensure!(self.line.stopping() || !recorded.is_cut(), "{CUT}");
         Ok(())
     }
 

@@ -77,4 +77,9 @@ fn blobs_of_a_recording_are_those_of_clips() {
     assert!(of_recording == of_clips, "{of_recording}\n{of_clips}");
     let size = |name: &str| path(name).metadata().unwrap().len();
     assert!(size("a.mcap") < 3 * size("camera-0.y4m"), "it is packed");
+    let whole = std::fs::read(&mcap).unwrap();
+    std::fs::write(path("cut.mcap"), &whole[..whole.len() / 2]).unwrap();
+    let of_cut = found(folder.path(), "cut.jsonl", &[&path("cut.mcap").display().to_string()]);
+    let (kept, all) = (of_cut.lines().count(), of_recording.lines().count());
+    assert!((3..all).contains(&kept) && of_recording.starts_with(&of_cut), "{kept} of {all}");
 }
