@@ -62,6 +62,17 @@ pub struct PixelContact {
     pub depth: i32,
 }
 
+/// A part of a look, as in the paper's Table 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// The membrane was drawn: its depth and its triangles' numbers.
+    Drawn,
+    /// Depths were compared: pixels, triangles and their deformation vectors.
+    Compared,
+    /// Nodes have their displacements.
+    Retrieved,
+}
+
 /// Pixels around the instrument by which the first cull is wider than the exact one.
 const CULL_MARGIN: f32 = 2.0;
 
@@ -130,7 +141,19 @@ impl Zcoll {
         instrument_from_eye: &Isometry3<f64>,
         surface: &Surface,
     ) -> Contacts {
-        self.query_side(&image.ahead(), instrument_from_eye, surface)
+        self.query_side(&image.ahead(), instrument_from_eye, surface, &mut |_| {})
+    }
+
+    /// As [`Self::query`]; calls `ended` at the end of each part, so that a caller can time them. On an adapter the
+    /// parts are not apart, and nothing is called.
+    pub fn query_in_parts(
+        &mut self,
+        image: &InstrumentImage,
+        instrument_from_eye: &Isometry3<f64>,
+        surface: &Surface,
+        ended: &mut impl FnMut(Part),
+    ) -> Contacts {
+        self.query_side(&image.ahead(), instrument_from_eye, surface, ended)
     }
 
     /// The same from the handle: where hook or jaws of an instrument **under** the membrane have
@@ -141,7 +164,7 @@ impl Zcoll {
         instrument_from_eye: &Isometry3<f64>,
         surface: &Surface,
     ) -> Contacts {
-        self.query_side(&image.back(), instrument_from_eye, surface)
+        self.query_side(&image.back(), instrument_from_eye, surface, &mut |_| {})
     }
 
     fn query_side(
@@ -149,6 +172,7 @@ impl Zcoll {
         side: &Side,
         instrument_from_eye: &Isometry3<f64>,
         surface: &Surface,
+        ended: &mut impl FnMut(Part),
     ) -> Contacts {
         self.clear();
         self.looked = (*instrument_from_eye, side.reversed);
@@ -161,8 +185,11 @@ impl Zcoll {
             return found;
         }
         self.draw_membrane(side, instrument_from_eye, surface, &mut found);
+        ended(Part::Drawn);
         self.compare(side, &mut found);
+        ended(Part::Compared);
         self.spread_to_nodes(surface.triangles);
+        ended(Part::Retrieved);
         found
     }
 

@@ -1,13 +1,15 @@
 //! ZCOLL and the exact pair query beside other methods: membranes of 1k to 1M triangles, displaced
 //! anew before every frame, against a forceps of 2k triangles. One thread.
 //!
-//! `cargo bench -p validation --bench collision` prints a table like the paper's Table 2; with `--
+//! `cargo bench -p validation --bench collision` prints tables like the paper's Tables 1 and 2; with `--
 //! --json` one object a line. `-- --small` stops at 10k triangles, `-- METHOD` measures only
 //! methods whose names contain that. The column "found" is that of the first frame, which all
 //! methods see alike.
 
 mod grid;
+mod obb;
 mod parry;
+mod parts;
 mod peers;
 mod queries;
 mod setting;
@@ -120,9 +122,17 @@ fn print_table_2(rows: &[Row]) {
     println!("  ZCOLL run, paper (AGP graphics adapter, 2002)   2,300 µs           2,500 µs");
     println!("  RAPID preprocessing + run, paper                50,700 µs          81,000 µs");
     println!("  SOLID tree update + run, paper                  1,500 + <100 µs    4,500 + <100 µs");
-    for method in
-        ["zcoll-cpu", "zcoll-gpu", "exact", "parry-bvh", "parry-manifolds", "grid", "spheres", "brute"]
-    {
+    for method in [
+        "zcoll-cpu",
+        "zcoll-gpu",
+        "exact",
+        "parry-bvh",
+        "parry-manifolds",
+        "obb-rebuilt",
+        "grid",
+        "spheres",
+        "brute",
+    ] {
         println!("  {method:16} here                           {:18} {}", at(method, 0), at(method, 1));
     }
     println!();
@@ -165,6 +175,9 @@ fn main() {
         }
     }
     if !json {
+        if only.is_empty() {
+            parts::print_table_1();
+        }
         print_table_2(&rows);
     }
 }

@@ -1,6 +1,7 @@
 //! The methods and what they have in common.
 
 use crate::grid::HashedGrid;
+use crate::obb::ObbTrees;
 use crate::parry::{ParryBvh, ParryManifolds};
 use crate::queries::{Back, Port, YesNo};
 use crate::setting::{Frame, Setting};
@@ -44,6 +45,7 @@ pub fn methods(triangles: usize) -> Vec<Make> {
         |s| Some(Box::new(Ours::new(s))),
         |s| Some(Box::new(ParryBvh::new(s))),
         |s| Some(Box::new(ParryManifolds::new(s))),
+        |s| Some(Box::new(ObbTrees::new(s))),
         |s| Some(Box::new(HashedGrid::new(s))),
         |s| Some(Box::new(SphereTrees::new(s))),
     ];

@@ -27,7 +27,7 @@ impl Zcoll {
                 return &self.vertex_hits;
             }
             // The processor has not seen the last look yet.
-            self.query_side(&side, &looked_from, surface);
+            self.query_side(&side, &looked_from, surface, &mut |_| {});
         }
         #[cfg(not(feature = "gpu"))]
         let _ = looked_from;

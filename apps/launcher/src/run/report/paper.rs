@@ -58,11 +58,13 @@ fn overall(lines: &[PaperLine]) -> PaperLine {
 
 /// Writes the table for a person.
 pub(super) fn write(lines: &[PaperLine], out: &mut String) -> std::fmt::Result {
-    writeln!(out, "\nTable 4 of the paper, ms        2002   today (median)")?;
+    writeln!(out, "\nTable 4 of the paper, ms        2002   today (median)   count")?;
     for line in lines {
         let paper = line.paper_ms.map_or("–".into(), |ms| format!("{ms:.1}"));
         let today = line.today_ms.map_or("–".into(), |ms| format!("{ms:.3}"));
-        writeln!(out, "{:<29} {paper:>6} {today:>10}  {}", line.task, line.note)?;
+        let count = if line.count == 0 { "–".into() } else { line.count.to_string() };
+        let of_line = format!("{:<29} {paper:>6} {today:>10} {count:>13}  {}", line.task, line.note);
+        writeln!(out, "{}", of_line.trim_end())?;
     }
     Ok(())
 }
@@ -145,8 +147,8 @@ mod tests {
         near(lines[5].today_ms, 0.25);
         let mut text = String::new();
         write(&lines, &mut text).unwrap();
-        // Three lines without a figure of today, and one that the paper has none for.
-        assert_eq!(text.matches('–').count(), 4, "{text}");
+        // Three lines without figure and count, one that the paper has no figure for, and a sum, which has no count.
+        assert_eq!(text.matches('–').count(), 8, "{text}");
         assert!(paper_table_4(&LatencyStats::default()).iter().all(|l| l.today_ms.is_none()));
     }
 }
