@@ -17,22 +17,30 @@ fn a_camera_that_was_moved_is_named_by_replay_and_run() {
     std::fs::write(&moved, cameras.to_string()).expect("written");
     let verdict = |rig: &str, code: i32| {
         vitreo(&["import", "--rig", rig, &blobs, "-o", &stream, "--force"]).expect_code(0);
-        let replay = ["replay", &stream, "--lockstep", "--assert-tracking", "0.95"];
+        let replay = ["replay", &stream, "--lockstep", "--assert-tracking", "0.95", "--assert-no-warnings"];
         vitreo(&[&replay[..], &["--report", &report, "--force"]].concat()).expect_code(code)
     };
     let good = verdict(&rig, 0);
     assert!(!good.stderr.contains("camera"), "{}", good.stderr);
     // It is left out, placed anew, and what is tracked suffices.
     let named = "camera 1 is used where the others see it";
-    let bad = verdict(&moved, 0);
+    let bad = verdict(&moved, 7);
     assert!(bad.stderr.contains("bad calibration of camera 1"), "{}", bad.stderr);
     assert!(bad.stderr.contains(named) && bad.stderr.contains("calibrate waved"), "{}", bad.stderr);
     let warnings = json(folder.path().join("r.json").as_path())["warnings"].clone();
     assert!(warnings.to_string().contains(named) && warnings[0]["remedy"].is_string(), "{warnings}");
     // The same live, from the stream.
     let run = ["run", "--no-picture", "--rig", &moved, "--blobs", &blobs, "--duration", "8", "--force"];
-    let asserted = ["--assert-tracking", "0.95", "--instance", &instance_name(), "--report", &report];
-    let live = vitreo(&[&run[..], &asserted].concat()).expect_code(0);
+    let asserted = [
+        "--assert-tracking",
+        "0.95",
+        "--assert-no-warnings",
+        "--instance",
+        &instance_name(),
+        "--report",
+        &report,
+    ];
+    let live = vitreo(&[&run[..], &asserted].concat()).expect_code(7);
     assert!(live.stderr.contains("bad calibration of camera 1"), "{}", live.stderr);
     assert!(live.stderr.contains(named), "{}", live.stderr);
     // Of two cameras that were moved nobody can say which holds.

@@ -45,12 +45,12 @@ pub use load::{Judged, Load, NO_LOAD};
 pub use options::{OutputArgs, RunArgs, TrainingArgs, TrialArgs, ViewArgs};
 pub use policy::MAX_RESTARTS;
 
-use crate::exit::{BUDGET, FAILED, LOSS, UNTRACKED};
+use crate::exit::{BUDGET, FAILED, LOSS, UNTRACKED, WARNED};
 use crate::machine::{allow_open_files, has_display};
 use crate::modules::Composed;
 use crate::runtime::{StopSignal, block_on};
 use anyhow::Context;
-use diagnosis::{is_loss, untracked};
+use diagnosis::{is_loss, untracked, warned};
 use ipc::logging::{inform, warn, with_causes};
 use options::{View, open_store};
 use outputs::{Outputs, print};
@@ -268,6 +268,10 @@ fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
     if let Some(asserted) = args.judge.assert_tracking.filter(|asserted| share < *asserted) {
         warn(&untracked(body, share, asserted));
         return UNTRACKED;
+    }
+    if let Some(warned) = warned(&report.warnings).filter(|_| args.judge.assert_no_warnings) {
+        warn(&warned);
+        return WARNED;
     }
     if !args.judge.assert_budgets {
         return code;

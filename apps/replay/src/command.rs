@@ -15,10 +15,10 @@ use crate::verify::Verdict;
 use crate::what_if;
 use anyhow::{Context, bail};
 use collision::backend::Backend;
-use diagnosis::untracked;
+use diagnosis::{untracked, warned};
 use ipc::clock::now;
 use ipc::logging::{inform, warn};
-use outputs::exit::{DIFFERS, LOSS, UNTRACKED};
+use outputs::exit::{DIFFERS, LOSS, UNTRACKED, WARNED};
 use outputs::println;
 use recording::{Recording, RecordingError, Source};
 use rig::Rig;
@@ -84,7 +84,7 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
 /// Refuses what cannot be asked of a recording.
 fn check(args: &ReplayArgs, recording: &Recording, desk: bool) -> anyhow::Result<()> {
     let file = args.file.display();
-    if desk && (args.blobs.is_some() || args.assert_tracking.is_some()) {
+    if desk && (args.blobs.is_some() || args.assert_tracking.is_some() || args.assert_no_warnings) {
         bail!("{file}: made at a desk, without cameras: there are no blobs, and nothing was tracked");
     }
     if args.as_recorded && recording.provenance().source == Source::Import {
@@ -105,6 +105,10 @@ fn judge(args: &ReplayArgs, figures: &Figures) -> anyhow::Result<ExitCode> {
     if let Some(asserted) = args.assert_tracking.filter(|asserted| tracked < *asserted) {
         warn(&untracked(body, tracked, asserted));
         return Ok(ExitCode::from(UNTRACKED));
+    }
+    if let Some(warned) = warned(&figures.warnings).filter(|_| args.assert_no_warnings) {
+        warn(&warned);
+        return Ok(ExitCode::from(WARNED));
     }
     Ok(ExitCode::from(code(figures)))
 }

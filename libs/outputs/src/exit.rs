@@ -12,6 +12,8 @@ pub const BUDGET: u8 = 4;
 pub const DIFFERS: u8 = 5;
 /// A body was tracked less than asserted.
 pub const UNTRACKED: u8 = 6;
+/// There were warnings, and it was asserted that there are none.
+pub const WARNED: u8 = 7;
 /// A signal ended it: Ctrl-C, say.
 pub const INTERRUPTED: u8 = 130;
 

@@ -80,6 +80,14 @@ impl Watch {
     }
 }
 
+/// Says how many warnings there were, and the first of them; `None` without any.
+pub fn warned(warnings: &[Warning]) -> Option<String> {
+    let first = warnings.first()?;
+    let (count, text) = (warnings.len(), first.finding.text());
+    let others = if count > 1 { format!("{count} warnings; the first: ") } else { String::new() };
+    Some(format!("{others}from {:.1} s on {text}", first.from_s))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -219,6 +219,9 @@ pub struct JudgeArgs {
     /// Exit with 6 where a body was tracked in a smaller share of frames, 0 to 1.
     #[arg(long, value_name = "SHARE", value_parser = share)]
     pub assert_tracking: Option<f64>,
+    /// Exit with 7 if the report has a warning about cameras, rig or tracking.
+    #[arg(long)]
+    pub assert_no_warnings: bool,
     /// Replace budgets.
     #[arg(long, value_name = "FILE.toml")]
     pub budgets: Option<PathBuf>,

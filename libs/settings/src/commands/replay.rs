@@ -52,10 +52,10 @@ pub struct ReplayArgs {
     #[arg(long, conflicts_with = "window")]
     pub headless: bool,
     /// Show the replay in a window, at its pace; keys stop, step and move it (H shows them).
-    #[arg(long, conflicts_with_all = ["verify", "poses", "blobs", "report", "assert_tracking"])]
+    #[arg(long, conflicts_with_all = ["verify", "poses", "blobs", "report", "assert_tracking", "assert_no_warnings"])]
     pub window: bool,
     /// Stop, step and move the replay by keys in the terminal, with or without the window (h shows them).
-    #[arg(long, conflicts_with_all = ["verify", "poses", "blobs", "report", "assert_tracking", "video", "headless"])]
+    #[arg(long, conflicts_with_all = ["verify", "poses", "blobs", "report", "assert_tracking", "assert_no_warnings", "video", "headless"])]
     pub interactive: bool,
     /// Write a film, by its ending MP4 (H.264), or Y4M without compression.
     #[arg(long, value_name = "FILE.mp4|FILE.y4m", value_parser = video_file, conflicts_with = "window")]
@@ -76,7 +76,7 @@ pub struct ReplayArgs {
     /// comes of it with what this build makes, as diff does: exit code 0 where that is the same, 5 where it
     /// differs.
     #[arg(long, value_name = "OTHER_VITREO", help_heading = "What if", conflicts_with_all = ["output", "verify",
-        "poses", "blobs", "endless", "assert_tracking", "from", "until", "window", "interactive", "headless", "video",
+        "poses", "blobs", "endless", "assert_tracking", "assert_no_warnings", "from", "until", "window", "interactive", "headless", "video",
         "stills", "as_recorded"])]
     pub with: Option<PathBuf>,
     /// Who looks for collisions.
@@ -85,6 +85,9 @@ pub struct ReplayArgs {
     /// Exit with 6 where a body was tracked in a smaller share of frames, 0 to 1.
     #[arg(long, value_name = "SHARE", value_parser = share)]
     pub assert_tracking: Option<f64>,
+    /// Exit with 7 if the report has a warning about cameras, rig or tracking.
+    #[arg(long)]
+    pub assert_no_warnings: bool,
     /// Write figures as JSON; with --with what the comparison found.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,

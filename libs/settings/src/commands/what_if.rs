@@ -29,7 +29,7 @@ pub struct WhatIfArgs {
     pub set: Vec<Assignment>,
     /// Write what comes of the recorded blobs, handles and pedal as a recording of its own.
     #[arg(short, long, value_name = "OUT.mcap", help_heading = "What if",
-        conflicts_with_all = ["verify", "poses", "blobs", "report", "endless", "assert_tracking", "from", "until"])]
+        conflicts_with_all = ["verify", "poses", "blobs", "report", "endless", "assert_tracking", "assert_no_warnings", "from", "until"])]
     pub output: Option<PathBuf>,
 }
 
