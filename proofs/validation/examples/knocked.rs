@@ -53,9 +53,9 @@ fn main() {
     let args = Args::parse();
     let rig = Rig::load_or_shipped(None).expect("the shipped rig");
     println!(
-        "| scenario | picture moved by, px | found after, s | back after, s | coverage, least | tips, µm | undisturbed | eye, mrad | undisturbed |"
+        "| scenario | picture moved by, px | found after, s | back after, s | coverage, least | tips, µm | undisturbed | shown, µm | undisturbed | longest gap, fields | eye, mrad | undisturbed |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     for scenario in Scenario::ALL {
         let still: Vec<Outcome> =
             seeds(&args).map(|seed| outcome(&rig, &args, scenario, seed, 0.0)).collect();
@@ -92,7 +92,8 @@ fn outcome(rig: &Rig, args: &Args, scenario: Scenario, seed: u64, px: f64) -> Ou
         let own = |n: &Notice| knocks.first().is_some_and(|k| of(n) == Some(k.camera as usize)) && wanted(n);
         tracked.notices.iter().find(|(_, n)| own(n)).map(|(t, _)| t - at_s)
     };
-    let from = at_s.max(0.5);
+    // Bodies are found within the first fields.
+    let from = if args.kind == Kind::Start { 0.1 } else { at_s.max(0.5) };
     Outcome {
         score: Score::of(&tracked, &stream, from, args.seconds - 0.2),
         found_s: at(&|n| matches!(n, Notice::Moved { .. })),
@@ -138,14 +139,18 @@ fn line(scenario: Scenario, px: f64, moved: &[Outcome], still: &[Outcome]) {
     let all = |outcomes: &[Outcome], of: &dyn Fn(&Score) -> Vec<f64>| {
         rms(&outcomes.iter().flat_map(|o| of(&o.score)).collect::<Vec<f64>>())
     };
-    let (tips, eye) = (|s: &Score| s.tips_um.clone(), |s: &Score| s.eye_mrad.clone());
+    let (tips, shown, eye) =
+        (|s: &Score| s.tips_um.clone(), |s: &Score| s.shown_um.clone(), |s: &Score| s.eye_mrad.clone());
     println!(
-        "| {} | {px} | {} | {} | {least:.4} | {:.1} | {:.1} | {:.2} | {:.2} |",
+        "| {} | {px} | {} | {} | {least:.4} | {:.1} | {:.1} | {:.0} | {:.0} | {} | {:.2} | {:.2} |",
         scenario.name(),
         worst(&|o| o.found_s),
         worst(&|o| o.back_s),
         all(moved, &tips),
         all(still, &tips),
+        all(moved, &shown),
+        all(still, &shown),
+        moved.iter().map(|o| o.score.longest_gap).max().unwrap_or(0),
         all(moved, &eye),
         all(still, &eye),
     );

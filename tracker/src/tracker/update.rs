@@ -4,7 +4,7 @@ use super::{Group, ORDER, Reference, Tracker};
 use crate::acquisition::AcquisitionInput;
 use crate::associate::{Association, AssociationInput, PredictedBody};
 use crate::body_filter::BodyFilter;
-use crate::camera_watch::{BodyUpdate, members};
+use crate::camera_watch::{BodyUpdate, CameraWatch, members};
 use crate::fit::{BlobMatch, PoseFit, PoseProblem, TrocarInWorld, trocar_miss};
 use crate::match_log::UpdateResult;
 use crate::observation::FieldObservation;
@@ -328,20 +328,24 @@ impl Tracker {
             self.find_eye_without_a_camera(group);
         }
         if self.without_eye == self.rig.at_rate.disagree_updates
-            && self.sees_eye_markers()
+            && self.sees_eye_markers(group.time_ns)
             && let Some(watch) = &mut self.watch
         {
             watch.disagree(group.time_ns);
         }
     }
 
-    /// True if two cameras or more see enough blobs of the eye's colours to find it.
-    fn sees_eye_markers(&self) -> bool {
+    /// True if two cameras or more that are in use now see enough blobs of the eye's colours to find it.
+    fn sees_eye_markers(&self, time_ns: u64) -> bool {
+        let in_use = self.watch.as_ref().map_or(u32::MAX, CameraWatch::in_use);
+        let is_fresh = |f: &&FieldObservation| {
+            in_use & (1 << f.camera) != 0 && time_ns.saturating_sub(f.exposed_ns) < self.rig.at_rate.silent_ns
+        };
         let markers = &self.rig.bodies[EYE].markers;
         let of_eye = |f: &FieldObservation| {
             f.blobs().iter().filter(|b| markers.iter().any(|m| m.colour == b.colour)).count()
         };
-        self.fields.iter().filter(|f| 2 * of_eye(f) > markers.len()).count() >= 2
+        self.fields.iter().filter(is_fresh).filter(|f| 2 * of_eye(f) > markers.len()).count() >= 2
     }
 
     /// Searches a body in the fields of these cameras.
