@@ -49,7 +49,7 @@ pub struct Config {
     /// Show a replay: each scene with the poses of its own instant, and the keys of a replay.
     #[arg(long, hide = true, conflicts_with = "desk")]
     pub replay: bool,
-    /// Whether files that exist are written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: outputs::Force,
     /// Small pictures a second for console and recorder, 0 to 15.

@@ -13,18 +13,18 @@ use std::process::ExitCode;
 /// Arguments of `vitreo budgets`.
 #[derive(Debug, clap::Args)]
 pub struct BudgetsArgs {
-    /// Reports that `vitreo run --report` wrote.
+    /// Reports written by vitreo run --report.
     #[arg(value_name = "REPORT.json", required = true)]
     pub reports: Vec<PathBuf>,
-    /// Of how many reports all budgets must be kept; all of them where it is not given.
+    /// Number of reports that must keep all budgets [default: all of them].
     #[arg(long, value_name = "N")]
     pub at_least: Option<usize>,
-    /// Pass over budgets that were broken no further than other programs explain: where they took the
-    /// share s of the processors, a time within budget / (1 − s) is forgiven, and the share s of
-    /// frames below the least tier. A report that does not know the load is forgiven nothing.
+    /// Excuse overruns explained by other programs: if they took the fraction s of the processors, times up
+    /// to budget / (1 − s) and the fraction s of frames below the lowest tier are excused. A report without a
+    /// measured load is excused nothing.
     #[arg(long)]
     pub forgive_load: bool,
-    /// Say the verdict on each report in one sentence, without tables.
+    /// Print one sentence per report, without tables.
     #[arg(long)]
     pub brief: bool,
 }

@@ -29,9 +29,9 @@ pub struct Cli {
 pub enum Command {
     /// Run the simulator: cameras, tracker, tissue and picture.
     Run(Box<crate::run::RunArgs>),
-    /// Move the instruments yourself, by mouse, keyboard or gamepad.
+    /// Train with mouse, keyboard or gamepad.
     Play(Box<crate::play::PlayArgs>),
-    /// Pause, restart, take the next level of or end a running simulator.
+    /// Control a running simulator: pause, resume, restart, next level, quit.
     Ctl(crate::ctl::CtlArgs),
     /// Those on recordings.
     #[command(flatten)]
@@ -41,39 +41,39 @@ pub enum Command {
     ToOthers(BridgeCommand),
     /// List the training modules.
     Modules(crate::modules::ModulesArgs),
-    /// Find the blobs in pictures and clips.
+    /// Find blobs in pictures and clips.
     Blobs(ForwardArgs),
-    /// Learn, show and check the camera's colour classes.
+    /// Learn, show and check colour classes.
     Colours(ForwardArgs),
-    /// Print the registers and memories of the camera hardware.
+    /// Print registers and memories of the camera hardware.
     Hardware(ForwardArgs),
-    /// Write or replay the test vectors of the camera hardware.
+    /// Write test vectors for the camera hardware.
     Vectors(ForwardArgs),
-    /// Find lenses, places of cameras, markers and trocars; check whether they still hold.
+    /// Calibrate lenses, camera poses, markers and trocars; check for drift.
     Calibrate(ForwardArgs),
-    /// Take a new rig into use, step by step: colours, lenses, cameras, trocars, and a check of all.
+    /// Commission a new rig step by step: colours, lenses, camera poses, trocars, final check.
     Commission(ForwardArgs),
-    /// List the cameras of this machine, or show how those of a rig stand.
+    /// List this machine's cameras, or monitor a rig's cameras.
     Cameras(ForwardArgs),
-    /// Show what a foot pedal does, or learn its mapping.
+    /// Show a foot pedal's inputs, or learn its mapping.
     Pedal(ForwardArgs),
-    /// Show what the handles send, or calibrate their jaws.
+    /// Show the handles' inputs, or calibrate their jaws.
     Handles(ForwardArgs),
-    /// Look at a rig file: what its cameras see, and what is missing.
+    /// Check a rig file: what its cameras see, how accurate it is, what is missing.
     Rig(ForwardArgs),
-    /// Measure what a part costs on this machine.
+    /// Measure the cost of a part on this machine.
     Bench(ForwardArgs),
-    /// Judge reports of runs by their latency budgets.
+    /// Check reports of runs against the latency budgets.
     Budgets(crate::budgets::BudgetsArgs),
-    /// Measure how long poses take on this machine, and write the certificate.
+    /// Measure this machine's latency and write a certificate.
     Certify(Box<crate::certify::CertifyArgs>),
-    /// Say what this machine has and lacks.
+    /// Check this machine for everything the simulator needs.
     Doctor(crate::doctor::DoctorArgs),
-    /// Show what is set, and where; write a file of settings.
+    /// Show the settings and their sources, or write a settings file.
     Config(crate::config::ConfigArgs),
-    /// Print completions for a shell.
+    /// Print shell completions.
     Completions(crate::manual::CompletionsArgs),
-    /// Write the manual's pages.
+    /// Write the manual pages.
     Man(crate::manual::ManArgs),
 }
 

@@ -26,21 +26,21 @@ use std::process::ExitCode;
 pub struct ConfigArgs {
     #[command(subcommand)]
     what: Option<What>,
-    /// As JSON, for programs.
+    /// Print JSON.
     #[arg(long)]
     json: bool,
 }
 
 #[derive(Debug, clap::Subcommand)]
 enum What {
-    /// Write a file that names every option in a comment.
+    /// Write a settings file with every option in a comment.
     Init {
-        /// The file; - is standard output [default: the user's own].
+        /// File to write; - is standard output [default: the user's settings file].
         file: Option<PathBuf>,
         #[command(flatten)]
         force: Force,
     },
-    /// Print the files that are looked for; later ones win.
+    /// Print the paths of settings files; later files take precedence.
     Path,
 }
 

@@ -17,7 +17,7 @@ const ANSWER: Duration = Duration::from_secs(60);
 /// Arguments of `vitreo ctl`.
 #[derive(Debug, clap::Args)]
 pub struct CtlArgs {
-    /// What is asked.
+    /// Request to the simulator.
     #[arg(value_enum)]
     pub what: What,
     /// Name of the simulator.
@@ -28,15 +28,15 @@ pub struct CtlArgs {
 /// What can be asked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum What {
-    /// Everything stands still; time does not run.
+    /// Stop time.
     Pause,
-    /// It goes on.
+    /// Continue.
     Resume,
-    /// The attempt from its beginning, at once.
+    /// Restart the attempt at once.
     Restart,
-    /// The module's next level.
+    /// Go to the module's next level.
     Next,
-    /// The end of the run, in order.
+    /// End the run cleanly.
     Quit,
 }
 

@@ -14,11 +14,11 @@ use std::process::ExitCode;
 /// Arguments of `vitreo doctor`.
 #[derive(Debug, clap::Args)]
 pub struct DoctorArgs {
-    /// Look at the rig that table [run] of the settings names, too: its file, cameras, pedal, handles and
-    /// display, and whether this user may use them.
+    /// Check the rig in table [run] of the settings too: its file, cameras, pedal, handles and display, and
+    /// this user's access to them.
     #[arg(long)]
     pub rig: bool,
-    /// Write JSON for a program to read.
+    /// Print JSON.
     #[arg(long)]
     pub json: bool,
 }

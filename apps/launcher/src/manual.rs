@@ -16,17 +16,17 @@ const NAME: &str = "vitreo";
 /// Arguments of `vitreo completions`.
 #[derive(Debug, clap::Args)]
 pub struct CompletionsArgs {
-    /// The shell; its completions go to standard output.
+    /// Shell to print completions for.
     pub shell: Shell,
 }
 
 /// Arguments of `vitreo man`.
 #[derive(Debug, clap::Args)]
 pub struct ManArgs {
-    /// The folder for the pages, such as /usr/local/share/man/man1.
+    /// Folder for the pages, such as /usr/local/share/man/man1.
     #[arg(value_name = "DIR")]
     pub folder: PathBuf,
-    /// Whether pages that exist are written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
 }

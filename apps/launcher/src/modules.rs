@@ -10,13 +10,13 @@ use surgeon::skill::{SKILLS, Skill, named};
 /// Arguments of `vitreo modules`.
 #[derive(Debug, clap::Args)]
 pub struct ModulesArgs {
-    /// Print the scene of a module's level, with the expert's script: what every process gets.
+    /// Print the scene of a module's level with the expert's script, as every process reads it.
     #[arg(long, value_name = "NAME|FOLDER")]
     pub scene: Option<String>,
     /// Level, with --scene.
     #[arg(long, default_value_t = 1, requires = "scene")]
     pub level: u32,
-    /// As JSON, for programs.
+    /// Print JSON.
     #[arg(long, conflicts_with = "scene")]
     pub json: bool,
 }

@@ -20,67 +20,66 @@ const FIRST_MODULE: &str = "navigation";
 #[command(group = ArgGroup::new("recorded").multiple(true).args(["record", "trainee"]))]
 #[command(mut_arg("split", |arg| arg.requires("recorded")))]
 pub struct PlayArgs {
-    /// What to train (vitreo modules lists them) [default: navigation].
+    /// Module to train (vitreo modules lists them) [default: navigation].
     #[arg(value_name = "MODULE", conflicts_with = "scene")]
     pub module: Option<String>,
-    /// Level of the module, from 1 on.
+    /// Level of the module, from 1.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub level: u32,
-    /// A scene without a task instead: a shipped one's name or a file.
+    /// Explore a scene without a task instead: a shipped scene or a scene file.
     #[arg(long, value_name = "NAME|FILE")]
     pub scene: Option<String>,
     /// What the person works with.
     #[command(flatten)]
     pub desk: DeskArgs,
-    /// Print what keys, mouse and gamepad do, and end.
+    /// Print the controls of keyboard, mouse and gamepad, and exit.
     #[arg(long)]
     pub keys: bool,
-    /// Keep the attempts under this pseudonym in the results store.
-    #[arg(long, value_name = "NAME", conflicts_with = "scene")]
+    /// The rig; of it the trocars count.
+    #[command(flatten)]
+    pub rig: RigArgs,
+    /// Name of this simulator.
+    #[arg(long, value_name = "NAME", default_value = "main")]
+    pub instance: String,
+    /// Save the attempts in the results store under this pseudonym.
+    #[arg(long, help_heading = "Results", value_name = "NAME", conflicts_with = "scene")]
     pub trainee: Option<String>,
     /// Where the store lies.
-    #[command(flatten)]
+    #[command(flatten, next_help_heading = "Results")]
     pub store: StoreArgs,
-    /// Record everything; a restart or the next level begins another file, with a number.
-    #[arg(long, value_name = "FILE.mcap")]
+    /// Record the run; a restart or the next level begins another, numbered file.
+    #[arg(long, help_heading = "Outputs", value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
     /// How the recording is written.
-    #[command(flatten)]
+    #[command(flatten, next_help_heading = "Outputs")]
     pub writing: WritingArgs,
-    /// Write the figures of the run.
+    /// Write a report with the figures of the run.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
     /// Whether it is traced.
     #[command(flatten)]
     pub trace: TraceOutArgs,
-    /// The rig; of it the trocars count.
-    #[command(flatten)]
-    pub rig: RigArgs,
-    /// Draw without a window.
-    #[arg(long, requires = "inputs", conflicts_with = "no_picture")]
-    pub headless: bool,
-    /// Draw nothing.
-    #[arg(long, requires = "inputs")]
-    pub no_picture: bool,
-    /// How the two channels share the picture: left or right alone, side-by-side, anaglyph,
-    /// interleaved or sequential.
-    #[arg(long, value_enum, value_name = "HOW", default_value_t = Arrangement::Left, hide_possible_values = true)]
-    pub arrange: Arrangement,
-    /// Fill the monitor.
-    #[arg(long, conflicts_with_all = ["headless", "no_picture"])]
-    pub full_screen: bool,
-    /// Save stereo pictures.
-    #[arg(long, value_name = "DIR", conflicts_with = "no_picture")]
-    pub stills: Option<PathBuf>,
-    /// Save a film.
-    #[arg(long, value_name = "FILE.mp4|FILE.y4m", value_parser = outputs::video_file, conflicts_with = "no_picture")]
-    pub video: Option<PathBuf>,
-    /// Whether files that exist are written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
-    /// Name of this simulator.
-    #[arg(long, value_name = "NAME", default_value = "main")]
-    pub instance: String,
+    /// Draw without a window.
+    #[arg(long, help_heading = "Picture", requires = "inputs", conflicts_with = "no_picture")]
+    pub headless: bool,
+    /// Draw nothing.
+    #[arg(long, help_heading = "Picture", requires = "inputs")]
+    pub no_picture: bool,
+    /// Stereo layout: left, right, side-by-side, anaglyph, interleaved or sequential.
+    #[arg(long, help_heading = "Picture", value_enum, value_name = "LAYOUT", default_value_t = Arrangement::Left, hide_possible_values = true)]
+    pub arrange: Arrangement,
+    /// Fill the monitor.
+    #[arg(long, help_heading = "Picture", conflicts_with_all = ["headless", "no_picture"])]
+    pub full_screen: bool,
+    /// Save stereo stills in this folder.
+    #[arg(long, help_heading = "Picture", value_name = "DIR", conflicts_with = "no_picture")]
+    pub stills: Option<PathBuf>,
+    /// Save a film: .mp4 (H.264) or .y4m (uncompressed).
+    #[arg(long, help_heading = "Picture", value_name = "FILE.mp4|FILE.y4m", value_parser = outputs::video_file, conflicts_with = "no_picture")]
+    pub video: Option<PathBuf>,
 }
 
 /// Runs it.

@@ -16,46 +16,45 @@ use std::path::{Path, PathBuf};
 
 /// Find the blobs in pictures and clips.
 ///
-/// Each still image (PNG, JPEG) is one picture of camera 0. Each clip (Y4M, 8 bits; - for the
-/// standard input) is a camera of its own: the first is camera 0. A recording of pixels (vitreo cameras --record-fields
-/// FILE.mcap) has all cameras, and says number and instants of each field. Otherwise, without --fields, pictures are
-/// numbered from 0 and picture k was exposed k + 1 periods after the origin of time: 20 ms for
-/// stills, for clips their own period.
+/// A still image (PNG, JPEG) is one picture of camera 0. A clip (Y4M, 8 bits; - for standard input) is one
+/// camera; the first clip is camera 0. A recording of pixels (vitreo cameras --record-fields FILE.mcap) holds
+/// all cameras with the number and timestamps of each field. For images and clips without --fields, pictures
+/// are numbered from 0, and picture k is exposed k + 1 periods after time zero; the period is 20 ms for
+/// stills and the clip's own for clips.
 #[derive(Debug, Clone, clap::Args)]
 pub struct BlobsArgs {
-    /// Still images, or one clip or camera device (/dev/video0) each, or one recording of pixels.
+    /// Still images, one clip or camera device (/dev/video0) per camera, or one recording of pixels.
     #[arg(required = true, value_name = "IMAGE|CLIP.y4m|PIXELS.mcap")]
     pub pictures: Vec<PathBuf>,
-    /// Which field each picture is: the k-th line of a camera belongs to its k-th picture.
+    /// Field of each picture: a camera's k-th line describes its k-th picture.
     #[arg(long, value_name = "FIELDS.jsonl")]
     pub fields: Option<PathBuf>,
-    /// Where the blobs go, one line a field; the standard output if not given.
+    /// File for the blobs, one line per field [default: standard output].
     #[arg(short, long, value_name = "BLOBS.jsonl")]
     pub output: Option<PathBuf>,
-    /// Write a picture with the blobs drawn in. With %d in the name (or %04d) every picture is
-    /// written, numbered from 0.
+    /// Draw the blobs over a picture. With %d or %04d in the name, draw every picture, numbered from 0.
     #[arg(long, value_name = "OUT.png")]
     pub overlay: Option<PathBuf>,
-    /// Which picture --overlay draws, counted from 0 over all cameras.
+    /// Picture to draw with --overlay, counted from 0 over all cameras.
     #[arg(long, value_name = "N", default_value_t = 0, requires = "overlay")]
     pub overlay_picture: u64,
-    /// Finish after N pictures.
+    /// Stop after N pictures.
     #[arg(long = "count", value_name = "N")]
     pub pictures_at_most: Option<u64>,
-    /// Fields in a picture; a clip's header tells if not given.
+    /// Fields per picture [default: from the clip's header].
     #[arg(long, value_name = "ORDER")]
     pub interlaced: Option<Interlace>,
-    /// Samples of still images that become black and white, for instance 2000:12000 for 16 bits. If
-    /// not given: all of 8 bits, and of 16 bits what the picture uses.
+    /// Sample values of black and white in still images, for instance 2000:12000 for 16 bits [default: full
+    /// range for 8 bits, the picture's own range for 16 bits].
     #[arg(long, value_name = "BLACK:WHITE", value_parser = Levels::parse)]
     pub levels: Option<Levels>,
-    /// Colour classes and their levels; those of the camera hardware if not given.
+    /// Colour classes and their levels [default: those of the camera hardware].
     #[arg(long, value_name = "FILE.toml")]
     pub colours: Option<PathBuf>,
     /// How the scanner is set.
     #[command(flatten)]
     pub tuning: Tuning,
-    /// Whether files that exist are written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
 }

@@ -34,7 +34,7 @@ pub enum Action {
         /// Where the classes go.
         #[arg(short, long, value_name = "FILE.toml")]
         output: PathBuf,
-        /// Whether a file that exists is written over.
+        /// `--force`.
         #[command(flatten)]
         force: Force,
     },
@@ -50,7 +50,7 @@ pub enum Action {
         /// As JSON.
         #[arg(long)]
         json: bool,
-        /// Whether a file that exists is written over.
+        /// `--force`.
         #[command(flatten)]
         force: Force,
     },

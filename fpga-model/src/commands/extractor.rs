@@ -65,34 +65,32 @@ impl Threshold {
 /// Settings of the scanner; what is not given is as in the camera hardware.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Tuning {
-    /// Whether blobs are brighter or darker than what is around them.
-    #[arg(long, default_value = "bright")]
+    /// Blobs brighter or darker than their surroundings.
+    #[arg(long, default_value = "bright", help_heading = "Detection")]
     pub polarity: Polarity,
-    /// Level of the background: fixed=LEVEL (luma, 16 is black), or tracked; if not given, it is
-    /// tracked in the fields of cameras and the camera hardware's in other pictures, whose objects
-    /// may be larger than the blocks of the background. A still image is shown 16 times before it
-    /// counts, until a tracked background has settled.
-    #[arg(long, value_name = "LEVEL", value_parser = Ground::parse)]
+    /// Background: fixed=LEVEL (luma; black is 16) or tracked [default: tracked in camera fields; the camera
+    /// hardware's fixed level in other pictures, whose objects can be larger than the background's blocks].
+    /// With tracked, a still image is scanned 16 times first, until the background has settled.
+    #[arg(long, value_name = "fixed=LEVEL|tracked", value_parser = Ground::parse, help_heading = "Detection")]
     pub background: Option<Ground>,
-    /// Grey levels above the background that every pixel of a blob has, and its brightest one.
-    #[arg(long, value_name = "LOW[:HIGH]", value_parser = Threshold::parse)]
+    /// Grey levels above the background: minimum of every pixel of a blob, and of its brightest pixel.
+    #[arg(long, value_name = "LOW[:HIGH]", value_parser = Threshold::parse, help_heading = "Detection")]
     pub threshold: Option<Threshold>,
-    /// Least area of a blob, px.
-    #[arg(long, value_name = "PX")]
+    /// Minimum area of a blob, px.
+    #[arg(long, value_name = "PX", help_heading = "Detection")]
     pub least_area: Option<u16>,
-    /// Most blobs of a picture: the first to be complete; the rest is counted as lost.
-    #[arg(long, value_name = "N")]
+    /// Maximum number of blobs per picture; the first to be complete are kept, the others counted as lost.
+    #[arg(long, value_name = "N", help_heading = "Detection")]
     pub max_blobs: Option<usize>,
-    /// Blobs are spots of light, such as stars or particles: weights follow their light up to its
-    /// peak, and one line is enough.
-    #[arg(long)]
+    /// Detect spots of light, such as stars or particles: weight by brightness up to the peak, and accept
+    /// blobs of one line.
+    #[arg(long, help_heading = "Detection")]
     pub spots: bool,
-    /// Take every pixel for black whose chroma is of no class: for coloured things before a bright
-    /// ground.
-    #[arg(long, conflicts_with = "grey")]
+    /// Treat pixels outside every colour class as black: for coloured objects on a bright background.
+    #[arg(long, conflicts_with = "grey", help_heading = "Detection")]
     pub key: bool,
-    /// Pass over colour: every blob is white.
-    #[arg(long, conflicts_with = "colours")]
+    /// Ignore colour: every blob is white.
+    #[arg(long, conflicts_with = "colours", help_heading = "Detection")]
     pub grey: bool,
 }
 

@@ -13,7 +13,7 @@ pub struct VectorsArgs {
     /// Folder to write to.
     #[arg(value_name = "FOLDER", default_value = "fpga-model/vectors")]
     pub folder: PathBuf,
-    /// Whether files that exist are written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
 }

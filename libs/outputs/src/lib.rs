@@ -38,7 +38,7 @@ pub const STDOUT: &str = "-";
 /// The option of every command that writes files.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::Args)]
 pub struct Force {
-    /// Write over files that exist.
+    /// Overwrite existing files.
     #[arg(long)]
     pub force: bool,
 }

@@ -56,40 +56,40 @@ pub use writing::{PACKINGS, Split, WritingArgs};
 /// Commands on recordings: `vitreo` declares them, `vitreo-replay` carries them out.
 #[derive(Debug, clap::Subcommand)]
 pub enum RecordingCommand {
-    /// Run a recording through tracker and tissue again.
+    /// Track and simulate a recording again.
     Replay(Box<ReplayArgs>),
-    /// Make a recording from a rig and a blob stream.
+    /// Make a recording from a rig file and a blob stream.
     Import(ImportArgs),
-    /// Write the contents of a recording as CSV or JSON lines.
+    /// Export a recording as CSV, JSON lines or trajectories.
     Export(ExportArgs),
-    /// Cut a part out of a recording, as a recording that verifies to the bit.
+    /// Cut a part out of a recording; the part is a recording that verifies bit for bit.
     Cut(CutArgs),
-    /// Put parts of one run together again.
+    /// Join the parts of one run.
     Merge(MergeArgs),
-    /// Mend a truncated recording.
+    /// Repair a truncated recording.
     Recover(RecoverArgs),
-    /// Say what a recording holds.
+    /// Show a recording's contents.
     Info(InfoArgs),
-    /// Check that recordings are whole, in order and without gaps.
+    /// Check that recordings are complete, in order and without gaps.
     Check(CheckArgs),
-    /// Show the way of one field through all instants.
+    /// Show when each stage handled one field.
     Trace(TraceArgs),
-    /// Print how far blobs lie from the fitted markers, by camera and marker.
+    /// Print the reprojection residuals by camera and marker.
     Residuals(ResidualsArgs),
-    /// Draw what the cameras saw of a field and what the tracker made of it, or residuals over time.
+    /// Plot one field's blobs and matches, or residuals over time.
     Inspect(InspectArgs),
-    /// Compare two recordings, and name the cause of what differs.
+    /// Compare two recordings and name the cause of each difference.
     Diff(DiffArgs),
-    /// List the constants that a what-if may set.
+    /// List the constants that replay --set and sweep --set can change.
     Settings(SettingsListArgs),
-    /// Run recordings with a constant at several values.
+    /// Replay recordings with one constant at several values.
     Sweep(SweepArgs),
-    /// Make a film of a module as a scripted surgeon does it, or of a recording as it was.
+    /// Film a scripted surgeon at a module, or a recording.
     Film(FilmArgs),
-    /// Score recorded attempts at a module.
+    /// Score recorded attempts.
     Score(ScoreArgs),
-    /// Check recordings, streams and modules against what is expected of them.
+    /// Check recordings, streams and modules against expected figures.
     Suite(SuiteArgs),
-    /// List, plot, export and delete what trainees achieved.
+    /// List, plot, export and delete trainees' results.
     Results(ResultsArgs),
 }

@@ -36,8 +36,8 @@ pub struct Program {
 /// The option of every program that reads settings.
 #[derive(Debug, Clone, Copy, Default, clap::Args)]
 pub struct SettingsArgs {
-    /// Read no vitreo.toml.
-    #[arg(long, global = true)]
+    /// Ignore vitreo.toml.
+    #[arg(long, global = true, help_heading = "Messages")]
     pub no_config: bool,
 }
 

@@ -48,28 +48,35 @@ const DEFAULT_LEVEL: u8 = 2;
 /// Options of logging, taken by every program.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct LogArgs {
-    /// Records to write: a level (error, warn, info, debug, trace, off) or a list such as
-    /// warn,tracker=debug [default: RUST_LOG, else warn].
-    #[arg(long = "log", value_name = "FILTER", global = true)]
+    /// Log level (error, warn, info, debug, trace, off) or a filter such as warn,tracker=debug [default:
+    /// RUST_LOG, or warn].
+    #[arg(long = "log", value_name = "FILTER", global = true, help_heading = "Messages")]
     pub filter: Option<Targets>,
-    /// More records: -v info, -vv debug, -vvv trace; --log and RUST_LOG take precedence.
-    #[arg(short, long, global = true, action = ArgAction::Count)]
+    /// More messages: -v info, -vv debug, -vvv trace; --log and RUST_LOG take precedence.
+    #[arg(short, long, global = true, action = ArgAction::Count, help_heading = "Messages")]
     pub verbose: u8,
-    /// Fewer records: -q errors, -qq none.
-    #[arg(short, long, global = true, action = ArgAction::Count)]
+    /// Fewer messages: -q errors only, -qq none.
+    #[arg(short, long, global = true, action = ArgAction::Count, help_heading = "Messages")]
     pub quiet: u8,
-    /// Form of the messages on standard error.
-    #[arg(long, value_name = "FORMAT", global = true, value_enum, default_value_t)]
+    /// Format of the messages on standard error.
+    #[arg(
+        long,
+        value_name = "FORMAT",
+        global = true,
+        value_enum,
+        default_value_t,
+        help_heading = "Messages"
+    )]
     pub log_format: LogFormat,
 }
 
-/// Form of the messages on standard error.
+/// Format of the messages on standard error.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum LogFormat {
-    /// Lines for a person.
+    /// Plain text.
     #[default]
     Text,
-    /// One JSON object a line.
+    /// One JSON object per line.
     Json,
 }
 

@@ -39,7 +39,7 @@ pub struct HandlesArgs {
     /// How far the jaws are open when they are open, rad.
     #[arg(long, value_name = "RAD", default_value_t = 0.9, value_parser = opening)]
     pub open_rad: f64,
-    /// Whether a file that exists is written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
 }

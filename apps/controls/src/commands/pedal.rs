@@ -30,7 +30,7 @@ pub struct PedalArgs {
     /// Write a mapping that is learnt from what is pressed.
     #[arg(long, value_name = "FILE.toml")]
     pub learn: Option<PathBuf>,
-    /// Whether a file that exists is written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
 }

@@ -14,10 +14,10 @@ const SECONDS: u32 = 30;
 /// Whether a run is traced.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct TraceOutArgs {
-    /// Write what each process did with which field, and when, for ui.perfetto.dev.
+    /// Write a trace of every field through all processes, for ui.perfetto.dev.
     #[arg(long, value_name = "FILE.json")]
     pub trace_out: Option<PathBuf>,
-    /// The trace holds the last S seconds of the run, 1 to 600 [default: 30].
+    /// Trace the last S seconds of the run, 1 to 600 [default: 30].
     #[arg(long, value_name = "S", requires = "trace_out", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SECONDS)))]
     pub trace_seconds: Option<u32>,
 }

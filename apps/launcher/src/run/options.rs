@@ -1,4 +1,4 @@
-//! What `vitreo run` takes.
+//! Command-line arguments of `vitreo run`.
 
 use super::arguments::{injected_delay, percentile, positive, share};
 use super::cameras;
@@ -36,99 +36,97 @@ use std::time::SystemTime;
 
 /// Arguments of `vitreo run`.
 #[derive(Debug, Clone, Default, clap::Args)]
-// The virtual rig itself plays a stream of the shipped rig too; here nobody should forget whose it is.
+// The virtual rig alone may play a stream of the shipped rig; a run must name the stream's rig.
 #[command(mut_arg("blobs", |arg| arg.requires("rig")))]
 #[command(group = ArgGroup::new("recorded").multiple(true).args(["record", "trainee"]))]
 #[command(mut_arg("split", |arg| arg.requires("recorded")))]
 pub struct RunArgs {
-    // Those without a heading come first: a heading holds for all that follows.
+    // Arguments without a heading come first: a heading applies to all that follow.
     /// The scene.
     #[command(flatten)]
     pub scene: SceneArgs,
     /// The rig.
     #[command(flatten)]
     pub rig: RigArgs,
-    /// What the camera hardware finds.
-    #[command(flatten)]
-    pub extraction: ExtractionArgs,
-    /// Who looks for collisions.
-    #[command(flatten)]
-    pub collision: CollisionArgs,
-    /// End after so many seconds [default: at the end of the stream, or Ctrl-C].
+    /// Stop after S seconds [default: at the end of the stream, or on Ctrl-C].
     #[arg(long, value_name = "S", value_parser = positive)]
     pub duration: Option<f64>,
-    /// End so many seconds after the scripted surgeon's round.
+    /// Stop this long after the scripted surgeon's round, s.
     #[arg(skip)]
     pub after_round: Option<f64>,
-    /// Name of this simulator; several run side by side under different names.
+    /// Name of this simulator; several can run side by side under different names.
     #[arg(long, value_name = "NAME", default_value = "main")]
     pub instance: String,
     /// The module that is trained.
     #[command(flatten)]
     pub training: TrainingArgs,
-    /// The virtual cameras.
-    #[command(flatten)]
-    pub virtual_rig: VirtualRigArgs,
     /// The real cameras.
     #[command(flatten)]
     pub real: RealCamerasArgs,
+    /// Colour classes.
+    #[command(flatten)]
+    pub extraction: ExtractionArgs,
+    /// The virtual cameras.
+    #[command(flatten)]
+    pub virtual_rig: VirtualRigArgs,
     /// The real pedal and handles.
     #[command(flatten)]
     pub controls: ControlsArgs,
     /// The picture.
     #[command(flatten)]
     pub view: ViewArgs,
-    /// What is written.
+    /// Outputs.
     #[command(flatten)]
     pub outputs: OutputArgs,
-    /// By what it is judged.
+    /// Checks.
     #[command(flatten)]
     pub judge: JudgeArgs,
-    /// What only tests ask for.
+    /// Back end of collision detection.
+    #[command(flatten)]
+    pub collision: CollisionArgs,
+    /// Hidden options for tests.
     #[command(flatten)]
     pub trial: TrialArgs,
-    /// A person at the desk in place of cameras and tracker: vitreo play.
+    /// Desk that replaces cameras and tracker (`vitreo play`).
     #[arg(skip)]
     pub desk: Option<DeskArgs>,
 }
 
-/// What is trained, and by whom.
+/// Module, level and trainee.
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Training")]
 pub struct TrainingArgs {
-    /// Train: a module's name or folder (vitreo modules lists them). It takes the place of the
-    /// scene.
+    /// Module to train, by name or folder (vitreo modules lists them); it brings its own scene.
     #[arg(long, value_name = "NAME|FOLDER", conflicts_with = "scene")]
     pub module: Option<String>,
-    /// Level of the module, from 1 on.
+    /// Level of the module, from 1.
     #[arg(long, value_name = "N", default_value_t = 1, requires = "module")]
     pub level: u32,
-    /// Who works where no person does: expert, average, novice, careless or idle.
-    #[arg(long, value_name = "WHO", default_value = "expert", requires = "module")]
+    /// Scripted surgeon, if no person operates: expert, average, novice, careless or idle.
+    #[arg(long, value_name = "SURGEON", default_value = "expert", requires = "module")]
     pub surgeon: String,
-    /// Go on when the attempt is over: its end screen stands until a restart, the next level
-    /// (vitreo ctl, pedal or keys) or the end.
+    /// Keep running after the attempt: show its end screen until a restart, the next level (vitreo ctl, pedal
+    /// or keys) or quit.
     #[arg(long, requires = "module")]
     pub stay: bool,
-    /// Keep the attempt under this pseudonym in the results store; without --record its recording
-    /// goes beside the store.
+    /// Save the attempt in the results store under this pseudonym; without --record, the recording goes
+    /// beside the store.
     #[arg(long, value_name = "NAME", requires = "module")]
     pub trainee: Option<String>,
-    /// Where the store lies.
+    /// Path of the store.
     #[command(flatten)]
     pub store: StoreArgs,
 }
 
 /// Real cameras in place of the virtual ones.
 #[derive(Debug, Clone, Default, clap::Args)]
-#[command(next_help_heading = "Real cameras")]
+#[command(next_help_heading = "Cameras")]
 pub struct RealCamerasArgs {
-    /// Where the pictures come from: virtual (as without this option), or for each camera of the rig
-    /// v4l2:/dev/videoN, a camera of this machine, or genicam:NAME, one by GigE Vision or USB3 Vision
-    /// (both with ?exposure_us=2000&gain=4&trigger=external), or y4m:PATH, a pipe or a file of fields
-    /// (y4m:PATH?parity=1 where the first has the odd lines); mcap:FILE, what vitreo cameras
-    /// --record-fields kept of all cameras (docs/cameras.md); or a program that drives cameras (it
-    /// publishes fields of pixels, blobs with --direct, handles and pedal; docs/camera-hardware.md).
+    /// Source of the pictures: virtual (the default); one source per camera of the rig: v4l2:/dev/videoN,
+    /// genicam:NAME (GigE Vision or USB3 Vision; both take ?exposure_us=2000&gain=4&trigger=external) or
+    /// y4m:PATH, a pipe or file of fields (?parity=1 if the first field has the odd lines); mcap:FILE, a
+    /// recording of all cameras by vitreo cameras --record-fields (docs/cameras.md); or a program that
+    /// publishes fields (blobs with --direct), handles and pedal (docs/camera-hardware.md).
     #[arg(
         long,
         value_name = "virtual|v4l2:DEVICE,...|genicam:NAME,...|y4m:PATH,...|mcap:FILE|PROGRAM",
@@ -136,20 +134,20 @@ pub struct RealCamerasArgs {
         conflicts_with_all = ["blobs", "motion", "faults"]
     )]
     pub cameras: Option<Cameras>,
-    /// Another tracker in the place of cameras and tracker, by its server of OpenIGTLink: its transforms become the
-    /// poses of instruments and eye, MAP.toml says which (docs/bridge.md) [default: the names that
-    /// vitreo bridge --igtl sends]. Jaws are open and the pedal is up where nobody sends them.
+    /// OpenIGTLink server of another tracker, which replaces cameras and tracker. MAP.toml maps its
+    /// transforms to instruments and eye (docs/bridge.md) [default: the names that vitreo bridge --igtl
+    /// sends]. Without other input, the jaws stay open and the pedal up.
     #[arg(
         long,
         value_name = "igtl:HOST:PORT[,MAP.toml]",
         conflicts_with_all = ["cameras", "blobs", "motion", "faults", "direct"]
     )]
     pub poses: Option<OtherTracker>,
-    /// Channels that programs of other makers send on, by libvitreo (docs/drivers.md): blobs, fields
-    /// or poses in the place of the cameras, with their --rig; handles and pedal also beside them.
+    /// Channels fed by external drivers through libvitreo (docs/drivers.md): blobs, fields or poses replace
+    /// the cameras and need --rig; handles and pedal also work beside cameras.
     #[arg(long, value_name = "CHANNEL,...")]
     pub external: Option<External>,
-    /// Let only people work: without --cameras and their --rig, say what is missing and wait.
+    /// No scripted surgeon: without --cameras and --rig, show what is missing and wait.
     #[arg(long, conflicts_with_all = ["blobs", "motion", "faults"])]
     pub unscripted: bool,
 }
@@ -160,7 +158,7 @@ impl RealCamerasArgs {
         self.cameras.as_ref().filter(|cameras| **cameras != Cameras::Virtual)
     }
 
-    /// The program that drives them, if it is another's.
+    /// External program that drives them, if any.
     pub fn program(&self) -> Option<&Path> {
         match &self.cameras {
             Some(Cameras::Program(program)) => Some(program),
@@ -168,18 +166,18 @@ impl RealCamerasArgs {
         }
     }
 
-    /// The program that stands in their place by what it sends itself.
+    /// The driver that replaces them.
     pub fn driver(&self) -> Option<Process> {
         let external = || self.external.as_ref().and_then(External::source);
         self.poses.as_ref().map(|_| Process::PosesDriver).or_else(external)
     }
 
-    /// Programs of other makers that are expected.
+    /// Expected external drivers.
     pub fn drivers(&self) -> &[Process] {
         self.external.as_ref().map_or(&[], External::drivers)
     }
 
-    /// The streams of pictures that stand for them.
+    /// Picture streams that replace them.
     pub fn streams(&self) -> Option<&Streams> {
         match &self.cameras {
             Some(Cameras::Streams(streams)) => Some(streams),
@@ -188,59 +186,59 @@ impl RealCamerasArgs {
     }
 }
 
-/// What is written of a run.
+/// Files that a run writes.
 #[derive(Debug, Clone, Default, clap::Args)]
-#[command(next_help_heading = "What is written")]
+#[command(next_help_heading = "Outputs")]
 pub struct OutputArgs {
-    /// Record everything.
+    /// Record the run.
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
-    /// How the recording is written.
+    /// Compression and split.
     #[command(flatten)]
     pub writing: WritingArgs,
-    /// Write the figures of the run.
+    /// Write a report with the figures of the run.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
-    /// Whether it is traced.
+    /// Trace of the fields.
     #[command(flatten)]
     pub trace: TraceOutArgs,
-    /// Whether files that exist are written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
 }
 
-/// By what a run is judged.
+/// Checks that decide the exit code of a run.
 #[derive(Debug, Clone, Default, clap::Args)]
-#[command(next_help_heading = "Judging")]
+#[command(next_help_heading = "Checks")]
 pub struct JudgeArgs {
-    /// Exit with 4 where a latency budget is broken.
+    /// Exit with code 4 if a latency budget is exceeded.
     #[arg(long)]
     pub assert_budgets: bool,
-    /// Exit with 6 where a body was tracked in a smaller share of frames, 0 to 1.
-    #[arg(long, value_name = "SHARE", value_parser = share)]
+    /// Exit with code 6 if a body was tracked in a smaller fraction of the frames, 0 to 1.
+    #[arg(long, value_name = "FRACTION", value_parser = share)]
     pub assert_tracking: Option<f64>,
-    /// Exit with 7 if the report has a warning about cameras, rig or tracking.
+    /// Exit with code 7 if the report has warnings about cameras, rig or tracking.
     #[arg(long)]
     pub assert_no_warnings: bool,
-    /// Replace budgets.
+    /// File of latency budgets that replace the shipped ones.
     #[arg(long, value_name = "FILE.toml")]
     pub budgets: Option<PathBuf>,
-    /// Percentile at which budgets are judged [default: 99, or the budget file's].
+    /// Percentile to compare with the budgets [default: 99, or the budget file's].
     #[arg(long, value_name = "P", value_parser = percentile)]
     pub percentile: Option<f64>,
 }
 
-/// Whether and how there is a picture.
+/// Window, files and layout of the picture.
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Picture")]
 pub struct ViewArgs {
     /// Draw without a window.
     #[arg(long, conflicts_with_all = ["window", "no_picture", "full_screen"])]
     pub headless: bool,
-    /// Draw in a window [default where there is a display].
+    /// Draw in a window [default if there is a display].
     #[arg(long, conflicts_with = "no_picture")]
     pub window: bool,
-    /// Draw nothing; run and measure the rest.
+    /// Draw nothing; run and measure everything else.
     #[arg(long, conflicts_with_all = [
         "fundus", "instruments", "arrange", "full_screen", "show_dose", "stills", "video", "lose_device_after",
     ])]
@@ -250,21 +248,21 @@ pub struct ViewArgs {
     pub picture: PictureArgs,
 }
 
-/// What only tests ask for.
+/// Hidden options for tests.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct TrialArgs {
-    /// Slow a stage down, to see that its budget notices.
+    /// Delay a stage, to test its budget.
     #[arg(long, value_name = "STAGE=MS", value_parser = injected_delay, hide = true)]
     pub inject_delay: Vec<(Stage, f64)>,
-    /// Restarts of one process within two minutes after which the run ends.
+    /// Number of restarts of one process within two minutes that ends the run.
     #[arg(long, value_name = "N", hide = true, default_value_t = MAX_RESTARTS)]
     pub max_restarts: usize,
 }
 
-/// The end screen of a scripted attempt stands for so long, s.
+/// Time that a scripted attempt's end screen is shown, s.
 const AFTER_S: f64 = 3.0;
 
-/// What becomes of the picture.
+/// Destination of the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum View {
     /// In a window.
@@ -276,8 +274,7 @@ pub enum View {
 }
 
 impl RunArgs {
-    /// With the scene of a module, and the length of its attempt where no other duration is asked
-    /// for.
+    /// Fills in the module's scene, and the length of its attempt unless a duration is given.
     pub fn with_scene_of(&self, composed: Option<&Composed>) -> Self {
         let Some(composed) = composed else { return self.clone() };
         let scripted = self.is_scripted() && !self.training.stay;
@@ -288,7 +285,7 @@ impl RunArgs {
         RunArgs { scene, duration, after_round, ..self.clone() }
     }
 
-    /// Longest scripted attempt with its end screen, s; it ends with the script's round.
+    /// Maximum length of a scripted attempt with its end screen, s; it ends with the script's round.
     pub fn attempt_s(&self, composed: &Composed) -> f64 {
         composed.longest_s + AFTER_S
     }
@@ -299,25 +296,25 @@ impl RunArgs {
         self.virtual_rig.blobs.is_none() && self.desk.is_none() && cameras
     }
 
-    /// Where blobs come from, if they come from elsewhere than cameras.
+    /// Source of the blobs, if it is not the cameras.
     fn blob_source(&self) -> Option<BlobSource> {
-        // What cannot be understood was refused when it was read.
+        // The parser has refused everything else.
         self.virtual_rig.blobs.as_deref().and_then(|given| BlobSource::of(given).ok())
     }
 
-    /// Whether blobs are taken from a stream while others write it.
+    /// Whether blobs come from a stream that is still being written.
     pub fn takes_live_blobs(&self) -> bool {
         self.blob_source().is_some_and(|source| source.is_live())
     }
 
-    /// The process that begins a run and ends it: the virtual rig, or the desk in the place of rig,
-    /// camera hardware and tracker, or a driver.
+    /// First process of the data path, which starts and ends a run: the virtual rig, a driver, or the desk,
+    /// which replaces rig, camera hardware and tracker.
     pub fn source(&self) -> Process {
         let driver = self.real.driver().unwrap_or(Process::VirtualRig);
         if self.desk.is_some() { Process::Desk } else { driver }
     }
 
-    /// Whether a tracker of ours makes the poses.
+    /// Whether poses come from our tracker.
     pub fn is_tracked(&self) -> bool {
         !matches!(self.source(), Process::Desk | Process::PosesDriver)
     }
@@ -337,8 +334,8 @@ impl RunArgs {
         }
     }
 
-    /// With a place for the recording of a trainee's attempt where none is given. Refuses odd names
-    /// and a store that cannot be used, before anybody works for nothing.
+    /// Chooses a file for a trainee's recording unless one is given. Checks the name and the store before the
+    /// run, so that no attempt is lost.
     ///
     /// # Errors
     /// Where the name is refused or the store cannot be used.
@@ -358,7 +355,7 @@ impl RunArgs {
         Ok(RunArgs { outputs: OutputArgs { record, ..self.outputs }, ..self })
     }
 
-    /// What becomes of the picture, given whether there is a display.
+    /// Destination of the picture, given whether there is a display.
     pub fn view(&self, has_display: bool) -> View {
         let view = &self.view;
         match (view.no_picture, view.headless, view.window || view.picture.full_screen || has_display) {
@@ -368,7 +365,7 @@ impl RunArgs {
         }
     }
 
-    /// The budgets to judge by: the shipped table at the rate of the rig, the file's entries, the chosen
+    /// Latency budgets: the shipped table at the rig's rate, overridden by the file and the chosen
     /// percentile.
     ///
     /// # Errors
@@ -389,7 +386,7 @@ impl RunArgs {
         Ok(budgets)
     }
 
-    /// The name of an output where something began again: `a-2.y4m`.
+    /// Numbered name of an output after a restart: `a-2.y4m`.
     pub(super) fn numbered(&self, file: &Path, number: u32) -> PathBuf {
         let force = self.outputs.force.force;
         let name = |number| numbered(file, number, force);
@@ -413,7 +410,7 @@ impl RunArgs {
         let handles = self.controls.handles.as_ref().map(|handles| handles.path.clone());
         let map = self.real.poses.as_ref().and_then(|other| other.map.clone());
         let devices = [pedal, mapping, handles, map].into_iter().flatten();
-        // Of these, those that are no files have no place on the disk.
+        // Names of shipped scenes, modules and fault sets simply do not exist as files.
         let names = [&self.scene.scene, &self.training.module, &cameras.faults]
             .into_iter()
             .flatten()
@@ -421,8 +418,7 @@ impl RunArgs {
         files.flatten().cloned().chain(desk).chain(names).chain(streams).chain(devices)
     }
 
-    /// Looks at every file before anything is started: what is read must be there, what is written
-    /// must not.
+    /// Checks every file before anything starts: inputs must exist, outputs must not.
     ///
     /// # Errors
     /// Where a file cannot be read or an output is refused.
@@ -460,7 +456,7 @@ impl RunArgs {
     }
 }
 
-/// Opens the results store, or makes one; says what that has changed.
+/// Opens or creates the results store and logs what changed.
 ///
 /// # Errors
 /// Where it cannot be used.

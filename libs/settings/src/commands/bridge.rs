@@ -39,18 +39,18 @@ pub struct BridgeArgs {
     /// on this port; 0.0.0.0:PORT lets other machines in.
     #[arg(long, value_name = "[HOST:]PORT")]
     pub foxglove: Option<Listen>,
-    /// Take the poses of another tracker from its server of OpenIGTLink, for a run with --external poses.
+    /// Read another tracker's poses from its OpenIGTLink server, for a run with --external poses.
     #[arg(long, value_name = "igtl:HOST:PORT", conflicts_with_all = ["igtl", "foxglove"])]
     pub from: Option<Server>,
-    /// Which of the other tracker's transforms is which body, and how well they are known (docs/bridge.md)
+    /// Names of the other tracker's transforms, body by body, and their uncertainty (docs/bridge.md)
     /// [default: the names that --igtl sends].
     #[arg(long, value_name = "MAP.toml", requires = "from")]
     pub map: Option<PathBuf>,
-    /// Version of OpenIGTLink: 3 sends the status of a body with each transform, 1 and 2 as messages beside
-    /// them.
+    /// OpenIGTLink version: 3 sends a body's status with each transform, 1 and 2 send it in separate
+    /// messages.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u8).range(1..=3))]
     pub igtl_version: u8,
-    /// Name of the simulator; it may be started later, and anew.
+    /// Name of the simulator, which may start later or restart.
     #[arg(long, value_name = "NAME", default_value = "main")]
     pub instance: String,
 }
@@ -58,7 +58,7 @@ pub struct BridgeArgs {
 /// Bridges to other programs: `vitreo` declares them, `vitreo-bridge` carries them out.
 #[derive(Debug, clap::Subcommand)]
 pub enum BridgeCommand {
-    /// Hand the poses of a running simulator on to other programs.
+    /// Exchange poses between a running simulator and other programs.
     Bridge(BridgeArgs),
 }
 

@@ -8,7 +8,7 @@ pub struct CheckArgs {
     /// The recordings.
     #[arg(value_name = "FILE.mcap", required = true)]
     pub files: Vec<PathBuf>,
-    /// As JSON, a line a recording, for programs.
+    /// Print JSON, one line per recording.
     #[arg(long)]
     pub json: bool,
 }

@@ -118,13 +118,12 @@ impl Display for HandlesSpec {
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Pedal and handles")]
 pub struct ControlsArgs {
-    /// Take the foot pedal from a device: evdev:/dev/input/eventN[,MAPPING] or
-    /// hidraw:/dev/hidrawN,MAPPING; a mapping is a shipped one's name or a file that ends in .toml
-    /// (docs/controls.md). vitreo pedal shows and learns it.
+    /// Foot pedal: evdev:/dev/input/eventN[,MAPPING] or hidraw:/dev/hidrawN,MAPPING. MAPPING is the name of a
+    /// shipped mapping or a .toml file (docs/controls.md); vitreo pedal shows and learns mappings.
     #[arg(long, value_name = "evdev:PATH[,MAPPING]|hidraw:PATH,MAPPING")]
     pub pedal: Option<PedalSpec>,
-    /// Take tools and jaws from encoders in the handles: serial:/dev/ttyUSB0[?baud=115200]; needs a
-    /// rig whose section handles says how far they open (vitreo handles writes it; docs/handles.md).
+    /// Encoders of the handles, for tools and jaws: serial:/dev/ttyUSB0[?baud=115200]. Needs a rig with a
+    /// handles section, which vitreo handles writes (docs/handles.md).
     #[arg(long, value_name = "serial:PATH[?baud=N]")]
     pub handles: Option<HandlesSpec>,
 }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 /// Arguments of `vitreo cut`.
 #[derive(Debug, clap::Args)]
-#[command(mut_arg("from", |arg| arg.help("Begin so many seconds after the recording's start")))]
+#[command(mut_arg("from", |arg| arg.help("Begin S seconds after the recording's start")))]
 pub struct CutArgs {
     /// The recording.
     #[arg(value_name = "FILE.mcap")]
@@ -20,7 +20,7 @@ pub struct CutArgs {
     /// How it is written.
     #[command(flatten)]
     pub writing: WritingArgs,
-    /// Whether files that exist are written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
 }

@@ -13,23 +13,23 @@ pub struct DiffArgs {
     /// The second recording.
     #[arg(value_name = "B.mcap")]
     pub b: PathBuf,
-    /// Largest difference of a pose that counts as the same, µm at the tip, and at the eye's wall for the
-    /// eye. With 0 every recorded input, pose, event and state must be the same to the bit.
+    /// Largest pose difference that counts as equal, µm at the tip (for the eye: at its wall). With 0, every
+    /// recorded input, pose, event and state must be identical.
     #[arg(long, value_name = "UM", default_value_t = 0.0, value_parser = not_negative)]
     pub tolerance: f64,
-    /// Compare only what was recorded; leave the scores out.
+    /// Compare the recordings only, not their scores.
     #[arg(long)]
     pub quick: bool,
-    /// Write everything that was found as JSON; - is standard output, where the text is then left out.
+    /// Write the whole result as JSON; - is standard output, which then replaces the text.
     #[arg(long, value_name = "FILE.json")]
     pub json: Option<PathBuf>,
-    /// Plot the differences of the poses over time.
+    /// Plot pose differences over time.
     #[arg(long, value_name = "FILE.svg|FILE.png", value_parser = plot_file)]
     pub plot: Option<PathBuf>,
-    /// Write a page with everything that was found, which needs no network.
+    /// Write the whole result as a self-contained page.
     #[arg(long, value_name = "FILE.html")]
     pub html: Option<PathBuf>,
-    /// Whether files that exist are written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
 }

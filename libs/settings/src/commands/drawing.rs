@@ -7,23 +7,23 @@ use std::path::PathBuf;
 /// Stills, and how they and films are drawn.
 #[derive(Debug, Clone, clap::Args)]
 pub struct DrawingArgs {
-    /// Stills into this folder, named by their instants in s. Without a film nothing else is drawn.
-    #[arg(long, value_name = "DIR")]
+    /// Save stills in this folder, named by their time in s. Without a film, only the stills are drawn.
+    #[arg(long, value_name = "DIR", help_heading = "Picture")]
     pub stills: Option<PathBuf>,
-    /// Time from one still to the next, s.
-    #[arg(long, value_name = "S", default_value_t = 5.0, value_parser = seconds, requires = "stills")]
+    /// Time between stills, s.
+    #[arg(long, value_name = "S", default_value_t = 5.0, value_parser = seconds, requires = "stills", help_heading = "Picture")]
     pub every: f64,
-    /// Stills are JPEG of at most so many kB instead of PNG.
-    #[arg(long, value_name = "KB", requires = "stills")]
+    /// Save stills as JPEG of at most KB kB instead of PNG.
+    #[arg(long, value_name = "KB", requires = "stills", help_heading = "Picture")]
     pub jpeg: Option<u32>,
-    /// Quality tier of the picture, 0 (2×1280×1024) to 8 [default: 1 of a module, 0 of a recording].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..9))]
+    /// Quality tier, 0 (best, 2×1280×1024) to 8 [default: 1 for a module, 0 for a recording].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..9), help_heading = "Picture")]
     pub tier: Option<u32>,
     /// The fundus photograph.
     #[command(flatten)]
     pub fundus: FundusArgs,
-    /// How the two channels share the picture: side-by-side, anaglyph, interleaved, left or right.
-    #[arg(long, value_name = "HOW", default_value_t, value_parser = of_films(), hide_possible_values = true)]
+    /// Stereo layout: side-by-side, anaglyph, interleaved, left or right.
+    #[arg(long, value_name = "LAYOUT", default_value_t, value_parser = of_films(), hide_possible_values = true, help_heading = "Picture")]
     pub arrange: Arrangement,
 }
 

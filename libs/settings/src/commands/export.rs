@@ -28,13 +28,13 @@ pub struct ExportArgs {
     /// What is written.
     #[command(flatten)]
     pub what: What,
-    /// Where `--csv` goes [default: standard output].
+    /// File for --csv [default: standard output].
     #[arg(short, long, value_name = "OUT.csv", requires = "csv")]
     pub output: Option<PathBuf>,
-    /// The body whose trajectory goes into the file of --tum.
+    /// With --tum FILE: the body to write.
     #[arg(long, value_name = "BODY", requires = "tum", value_parser = BODY_NAMES)]
     pub body: Option<String>,
-    /// Whether files that exist are written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
 }
@@ -52,12 +52,12 @@ pub struct What {
     /// Write the rig file.
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
-    /// Write a topic as a table: handles, pedal, steps, events, frames, notes, checkpoints,
-    /// tracker-checkpoints, pictures, matches (a row a blob), poses (a row a body: status, covariance, residual).
+    /// Write a topic as a table; matches has one row per blob, poses one per body (status, covariance,
+    /// residual).
     #[arg(long, value_name = "TOPIC", value_parser = TABLES)]
     pub csv: Option<String>,
-    /// Write the measured poses as trajectories in TUM's format (timestamp tx ty tz qx qy qz qw; s, m), which evo
-    /// reads: inst0.tum, inst1.tum and eye.tum in a folder, or with --body one body's into a file.
+    /// Write the measured poses as TUM trajectories for evo (timestamp tx ty tz qx qy qz qw; s, m):
+    /// inst0.tum, inst1.tum and eye.tum in a folder, or one file with --body.
     #[arg(long, value_name = "DIR|OUT.tum")]
     pub tum: Option<PathBuf>,
 }

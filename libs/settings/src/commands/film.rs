@@ -8,33 +8,32 @@ use std::path::PathBuf;
 /// Arguments of `vitreo film`.
 #[derive(Debug, clap::Args)]
 pub struct FilmArgs {
-    /// A module, by its name or folder (vitreo modules lists them), or a recording, which is simulated
-    /// again and shown as it was.
+    /// Module name or folder (vitreo modules lists them), or a recording, which is simulated again and shown
+    /// as recorded.
     #[arg(value_name = "MODULE|FILE.mcap")]
     pub subject: String,
-    /// Level of the module, from 1 on [default: the last, which shows most].
+    /// Level of the module, from 1 [default: the last].
     #[arg(long, value_name = "N")]
     pub level: Option<u32>,
-    /// Who works in the module: expert, average, novice or careless [default: expert].
-    #[arg(long, value_name = "WHO")]
+    /// Scripted surgeon: expert, average, novice or careless [default: expert].
+    #[arg(long, value_name = "SURGEON")]
     pub surgeon: Option<String>,
     /// Seed of the surgeon's attempt and tremor [default: 1].
     #[arg(long)]
     pub seed: Option<u64>,
-    /// Longest film of a module, s; it ends earlier where the operation does [default: 120].
+    /// Maximum length of a module's film, s; it ends with the operation [default: 120].
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub length: Option<f64>,
     /// The part of the recording.
     #[command(flatten)]
     pub span: SpanArgs,
-    /// The film, by its ending: MP4 (H.264), or Y4M without compression [default: out/film.mp4, or
-    /// none where stills are asked for].
+    /// Film: .mp4 (H.264) or .y4m (uncompressed) [default: out/film.mp4, or no film with --stills].
     #[arg(short, long, value_name = "FILE.mp4|FILE.y4m", value_parser = video_file)]
     pub output: Option<PathBuf>,
     /// Stills, and how all pictures are drawn.
     #[command(flatten)]
     pub drawing: DrawingArgs,
-    /// Whether files that exist are written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
 }

@@ -5,20 +5,24 @@ use std::path::PathBuf;
 /// The photograph that is asked for.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct FundusArgs {
-    /// Fundus photograph to lay on the retina instead of the shipped one: a square JPEG or PNG that
-    /// its round field fills.
-    #[arg(long, value_name = "PHOTO")]
+    /// Fundus photograph for the retina instead of the shipped one: a square JPEG or PNG, filled by its round
+    /// field.
+    #[arg(long, value_name = "PHOTO", help_heading = "Fundus and instruments")]
     pub fundus: Option<PathBuf>,
-    /// The eye that it shows: left or right [default: left].
-    #[arg(long, value_name = "SIDE", hide_possible_values = true, requires = "fundus")]
+    /// Eye in the photograph: left or right [default: left].
+    #[arg(
+        long,
+        value_name = "SIDE",
+        hide_possible_values = true,
+        requires = "fundus",
+        help_heading = "Fundus and instruments"
+    )]
     pub fundus_eye: Option<FundusEye>,
-    /// Where its fovea lies, as shares of width and height from the upper left [default: its
-    /// middle].
-    #[arg(long, value_name = "X,Y", value_parser = shares, requires = "fundus")]
+    /// Position of the fovea, as fractions of width and height from the upper left [default: the centre].
+    #[arg(long, value_name = "X,Y", value_parser = shares, requires = "fundus", help_heading = "Fundus and instruments")]
     pub fundus_fovea: Option<[f32; 2]>,
-    /// Its field as photographers give it, the angle that the camera takes in, degrees [default:
-    /// 45].
-    #[arg(long, value_name = "DEG", value_parser = degrees, requires = "fundus")]
+    /// Field of view of the fundus camera, degrees [default: 45].
+    #[arg(long, value_name = "DEG", value_parser = degrees, requires = "fundus", help_heading = "Fundus and instruments")]
     pub fundus_field: Option<f32>,
 }
 

@@ -7,13 +7,13 @@ use std::path::PathBuf;
 /// Arguments of `vitreo import`.
 #[derive(Debug, clap::Args)]
 pub struct ImportArgs {
-    /// Rig file of the cameras that saw the stream.
+    /// Rig file of the stream's cameras.
     #[arg(long, value_name = "RIG.json")]
     pub rig: PathBuf,
-    /// Blob stream, one camera-field a line.
+    /// Blob stream, one camera-field per line.
     #[arg(value_name = "BLOBS.jsonl")]
     pub blobs: PathBuf,
-    /// Scene that a replay runs [default: peel].
+    /// Scene for replays [default: peel].
     #[arg(long, value_name = "NAME|FILE")]
     pub scene: Option<String>,
     /// The recording to write.
@@ -22,7 +22,7 @@ pub struct ImportArgs {
     /// How it is written.
     #[command(flatten)]
     pub writing: WritingArgs,
-    /// Whether a file that exists is written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
 }

@@ -8,7 +8,7 @@ pub struct InfoArgs {
     /// The recording.
     #[arg(value_name = "FILE.mcap")]
     pub file: PathBuf,
-    /// As JSON, for programs.
+    /// Print JSON.
     #[arg(long)]
     pub json: bool,
 }

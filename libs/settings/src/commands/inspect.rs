@@ -9,17 +9,23 @@ pub struct InspectArgs {
     /// The recording.
     #[arg(value_name = "FILE.mcap")]
     pub file: PathBuf,
-    /// Draw the cameras' view of this field: blobs, what became of them, predictions and residuals. Without
-    /// it, residuals, NIS and status over time.
+    /// Draw this field: each camera's blobs, how they were matched, predictions and residuals. Without it:
+    /// residuals, NIS and status over time.
     #[arg(long, value_name = "N")]
     pub field: Option<u64>,
-    /// Show both in a window, and go through the recording by keys; h lists them.
+    /// Browse the recording in a window; h lists the keys.
     #[arg(long)]
     pub window: bool,
-    /// Where the picture goes; the ending says how.
-    #[arg(short, long, value_name = "OUT.png|svg", default_value = "inspect.png", conflicts_with = "window")]
+    /// File to draw, .png or .svg.
+    #[arg(
+        short,
+        long,
+        value_name = "FILE.png|FILE.svg",
+        default_value = "inspect.png",
+        conflicts_with = "window"
+    )]
     pub output: PathBuf,
-    /// Whether files that exist are written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
 }

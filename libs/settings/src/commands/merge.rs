@@ -7,16 +7,16 @@ use std::path::PathBuf;
 /// Arguments of `vitreo merge`.
 #[derive(Debug, clap::Args)]
 pub struct MergeArgs {
-    /// Parts of one run, in any order, or the name of a recording in parts; what two parts hold is taken once.
+    /// Parts of one run, in any order, or the name of a split recording; data in two parts is taken once.
     #[arg(value_name = "FILE.mcap", required = true, num_args = 1..)]
     pub files: Vec<PathBuf>,
-    /// The whole.
+    /// Joined recording to write.
     #[arg(short, long, value_name = "OUT.mcap")]
     pub output: PathBuf,
     /// How it is written.
     #[command(flatten)]
     pub writing: WritingArgs,
-    /// Whether files that exist are written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
 }

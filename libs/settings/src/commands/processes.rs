@@ -98,8 +98,7 @@ handed_on!(RigArgs: rig);
 /// What the camera hardware finds in pictures.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct ExtractionArgs {
-    /// What the cameras take for which colour: a file of vitreo commission or vitreo colours learn
-    /// [default: the shipped colours].
+    /// Colour classes, from vitreo commission or vitreo colours learn [default: the shipped colours].
     #[arg(long, value_name = "FILE.toml")]
     pub colours: Option<PathBuf>,
 }
@@ -108,7 +107,7 @@ handed_on!(ExtractionArgs: colours);
 /// What is in the eye.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct SceneArgs {
-    /// What is in the eye: a shipped scene's name or a scene file [default: peel].
+    /// Contents of the eye: a shipped scene or a scene file [default: peel].
     #[arg(long, value_name = "NAME|FILE")]
     pub scene: Option<String>,
 }
@@ -125,40 +124,39 @@ impl SceneArgs {
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Virtual cameras")]
 pub struct VirtualRigArgs {
-    /// Seed of everything random in the virtual cameras and hands.
+    /// Seed of the random numbers of virtual cameras and hands.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Lay a recorded hand's movement above 1 Hz over the script.
+    /// Add a recorded hand's motion above 1 Hz to the script.
     #[arg(long, value_name = "FILE", conflicts_with = "blobs")]
     pub motion: Option<PathBuf>,
-    /// Use all of the recorded movement, fitted to the workspace.
+    /// Use the whole recorded motion, fitted to the workspace.
     #[arg(long, requires = "motion")]
     pub motion_full: bool,
-    /// Take blobs in place of the cameras' pixels; needs their --rig. A file is played with its own
-    /// spacing; a pipe, - (standard input) or tcp:[HOST:]PORT, on which a writer is waited for, is
-    /// taken line by line as it comes. See docs/blob-stream.md.
+    /// Read blobs instead of pixels; needs the cameras' --rig. A file plays at its own timing; a pipe, -
+    /// (standard input) or tcp:[HOST:]PORT, which waits for a writer, is read line by line as it arrives
+    /// (docs/blob-stream.md).
     #[arg(long, value_name = "FILE|FIFO|-|tcp:PORT", conflicts_with = "direct", value_parser = blob_source)]
     pub blobs: Option<PathBuf>,
-    /// Make blobs straight from the markers, without drawing pixels. With --cameras: the program
+    /// Compute blobs directly from the markers, without drawing pixels. With --cameras PROGRAM: the program
     /// publishes blobs.
     #[arg(long)]
     pub direct: bool,
-    /// Let things go wrong in the cameras, from the seed: none, mild, hard, a fault by its name, or
-    /// a file that ends in .toml.
+    /// Inject camera faults, drawn from the seed: none, mild, hard, a fault's name, or a file that ends in
+    /// .toml (docs/faults.md).
     #[arg(long, value_name = "NAME[,NAME...]|FILE.toml", conflicts_with = "blobs")]
     pub faults: Option<String>,
-    /// Write down what was done to which field, as JSON lines.
+    /// Log every injected fault, as JSON lines.
     #[arg(long, value_name = "FILE.jsonl", requires = "faults")]
     pub fault_log: Option<PathBuf>,
 }
 handed_on!(VirtualRigArgs: seed, motion, motion_full, blobs, direct, faults, fault_log);
 
-/// Who looks for collisions.
+/// Back end of collision detection.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct CollisionArgs {
-    /// Who looks for collisions with the membrane: auto (the faster one, measured at start-up), cpu
-    /// or gpu. It changes no result.
-    #[arg(long, value_name = "WHO", value_parser = ["auto", "cpu", "gpu"])]
+    /// Collision back end: auto (the faster, measured at start-up), cpu or gpu. Results do not depend on it.
+    #[arg(long, value_name = "BACKEND", value_parser = ["auto", "cpu", "gpu"], hide_possible_values = true, help_heading = "Performance")]
     pub collision: Option<String>,
 }
 handed_on!(CollisionArgs: collision);
@@ -166,11 +164,10 @@ handed_on!(CollisionArgs: collision);
 /// What a person at a desk works with.
 #[derive(Debug, Clone, Default, PartialEq, Eq, clap::Args)]
 pub struct DeskArgs {
-    /// What to listen to: auto (the window, and a gamepad where there is one), mouse or gamepad
-    /// [default: auto].
-    #[arg(long, value_name = "WHAT", value_parser = [AUTO, MOUSE, GAMEPAD])]
+    /// Input device: auto (the window, and a gamepad if there is one), mouse or gamepad [default: auto].
+    #[arg(long, value_name = "DEVICE", value_parser = [AUTO, MOUSE, GAMEPAD], hide_possible_values = true)]
     pub input: Option<String>,
-    /// Play a file of inputs instead of a person's; needs no display. See docs/play.md.
+    /// Play inputs from a file; needs no display (docs/play.md).
     #[arg(long, value_name = "FILE", conflicts_with = "input")]
     pub inputs: Option<PathBuf>,
 }
@@ -183,30 +180,29 @@ pub struct PictureArgs {
     /// The fundus photograph.
     #[command(flatten)]
     pub fundus: FundusArgs,
-    /// Folder with the instruments' meshes (forceps.glb, light-pipe.glb, pick.glb, vitrector.glb,
-    /// needle.glb) to draw instead of the shipped ones.
-    #[arg(long, value_name = "DIR")]
+    /// Folder with instrument meshes to draw instead of the shipped ones: forceps.glb, light-pipe.glb,
+    /// pick.glb, vitrector.glb, needle.glb.
+    #[arg(long, value_name = "DIR", help_heading = "Fundus and instruments")]
     pub instruments: Option<PathBuf>,
-    /// How the two channels share the picture: side-by-side, anaglyph, interleaved, sequential,
-    /// left or right; of these, files take all but sequential.
-    #[arg(long, value_enum, value_name = "HOW", hide_possible_values = true)]
+    /// Stereo layout: side-by-side, anaglyph, interleaved, sequential (windows only), left or right.
+    #[arg(long, value_enum, value_name = "LAYOUT", hide_possible_values = true)]
     pub arrange: Option<Arrangement>,
-    /// Fill the monitor; F11 or F switches, Escape leaves.
+    /// Fill the monitor; F11 or F toggles, Escape leaves.
     #[arg(long)]
     pub full_screen: bool,
-    /// The monitor to fill, by name or number.
+    /// Monitor to fill, by name or number.
     #[arg(long, value_name = "NAME|N", requires = "full_screen")]
     pub monitor: Option<String>,
-    /// Draw the dose of light over the retina; L shows and hides it.
+    /// Overlay the retina's light dose; L toggles it.
     #[arg(long)]
     pub show_dose: bool,
-    /// Save stereo pictures.
+    /// Save stereo stills in this folder.
     #[arg(long, value_name = "DIR")]
     pub stills: Option<PathBuf>,
-    /// Save a film, by its ending: MP4 (H.264), or Y4M without compression.
+    /// Save a film: .mp4 (H.264) or .y4m (uncompressed).
     #[arg(long, value_name = "FILE.mp4|FILE.y4m", value_parser = outputs::video_file)]
     pub video: Option<PathBuf>,
-    /// Lose the graphics device after so many frames, once, to see that the picture comes back.
+    /// Lose the graphics device once, after this many frames, to test recovery.
     #[arg(long, value_name = "FRAMES", hide = true)]
     pub lose_device_after: Option<u64>,
 }

@@ -9,61 +9,61 @@ use std::path::PathBuf;
 /// Arguments of `vitreo replay`.
 #[derive(Debug, clap::Args)]
 #[command(mut_arg("stills", |arg| arg.conflicts_with_all(["window", "interactive"])))]
+#[command(mut_arg("force", |arg| arg.help_heading("Outputs")))]
 #[command(mut_arg("compress", |arg| arg.requires("output").help_heading("What if")))]
 #[command(mut_arg("split", |arg| arg.requires("output").help_heading("What if")))]
 pub struct ReplayArgs {
     /// The recording.
     #[arg(value_name = "FILE.mcap")]
     pub file: PathBuf,
-    /// As fast as it can be computed, instead of with the recorded spacing.
+    /// Run as fast as possible instead of at the recorded timing.
     #[arg(long)]
     pub lockstep: bool,
-    /// Compare what this tracker makes of the recorded blobs with the recorded poses, and what this
-    /// simulation makes of the recorded poses with the recorded states; exit 5 where they differ, 3 where not
-    /// all was verified: the recording has gaps, was not closed, lacks frames, or is of another version of
-    /// tracker or state hash; 1 where nothing could be compared.
-    #[arg(long)]
+    /// Track the recorded blobs and simulate the recorded poses again, and compare both with the recording.
+    /// Exit code 5: they differ; 3: only partly verified (gaps, an unclosed file, missing frames, another
+    /// version of tracker or state hash); 1: nothing to compare.
+    #[arg(long, help_heading = "Checks")]
     pub verify: bool,
-    /// Speed: 2 is twice as fast as recorded.
+    /// Speed; 2 is twice the recorded speed.
     #[arg(long, value_name = "R", default_value_t = 1.0, value_parser = positive, conflicts_with = "lockstep")]
     pub rate: f64,
     /// The part to be shown.
     #[command(flatten)]
     pub span: SpanArgs,
-    /// Begin again at the end, until Ctrl-C.
+    /// Repeat until Ctrl-C.
     #[arg(long = "loop", conflicts_with_all = ["verify", "poses", "blobs", "report", "video", "stills"])]
     pub endless: bool,
     /// Write the poses.
-    #[arg(long, value_name = "OUT.csv")]
+    #[arg(long, value_name = "OUT.csv", help_heading = "Outputs")]
     pub poses: Option<PathBuf>,
-    /// Add predicted poses for a display of this rate, Hz.
-    #[arg(long, value_name = "HZ", requires = "poses", value_parser = positive)]
+    /// Add poses predicted for a display of this rate, Hz.
+    #[arg(long, value_name = "HZ", requires = "poses", value_parser = positive, help_heading = "Outputs")]
     pub display_hz: Option<f64>,
-    /// How long before its display a picture takes the newest pose, ms.
-    #[arg(long, value_name = "MS", default_value_t = 15.0, value_parser = not_negative)]
+    /// Time from a frame's newest pose to its display, ms.
+    #[arg(long, value_name = "MS", default_value_t = 15.0, value_parser = not_negative, help_heading = "Outputs")]
     pub display_lead_ms: f64,
-    /// Time from the newest camera-field to the pose, in the instants written with poses, µs.
-    #[arg(long, value_name = "US", default_value_t = 1000)]
+    /// Time from the newest camera-field to its pose in the written timestamps, µs.
+    #[arg(long, value_name = "US", default_value_t = 1000, help_heading = "Outputs")]
     pub processing_us: u64,
-    /// Write the blob stream that was replayed.
-    #[arg(long, value_name = "OUT.jsonl")]
+    /// Write the replayed blob stream.
+    #[arg(long, value_name = "OUT.jsonl", help_heading = "Outputs")]
     pub blobs: Option<PathBuf>,
-    /// Draw off-screen, as fast as it can be computed (what --video and --stills do without --window).
-    #[arg(long, conflicts_with = "window")]
+    /// Draw off screen, as fast as possible; --video and --stills imply it.
+    #[arg(long, conflicts_with = "window", help_heading = "Picture")]
     pub headless: bool,
-    /// Show the replay in a window, at its pace; keys stop, step and move it (H shows them).
+    /// Show the replay in a window; keys pause, step and seek (H lists them).
     #[arg(long, conflicts_with_all = ["verify", "poses", "blobs", "report", "assert_tracking", "assert_no_warnings"])]
     pub window: bool,
-    /// Stop, step and move the replay by keys in the terminal, with or without the window (h shows them).
+    /// Pause, step and seek by keys in the terminal, with or without a window (h lists them).
     #[arg(long, conflicts_with_all = ["verify", "poses", "blobs", "report", "assert_tracking", "assert_no_warnings", "video", "headless"])]
     pub interactive: bool,
-    /// Write a film, by its ending MP4 (H.264), or Y4M without compression.
-    #[arg(long, value_name = "FILE.mp4|FILE.y4m", value_parser = video_file, conflicts_with = "window")]
+    /// Save a film: .mp4 (H.264) or .y4m (uncompressed).
+    #[arg(long, value_name = "FILE.mp4|FILE.y4m", value_parser = video_file, conflicts_with = "window", help_heading = "Picture")]
     pub video: Option<PathBuf>,
     /// Stills, and how all pictures are drawn.
     #[command(flatten)]
     pub drawing: DrawingArgs,
-    /// Show the recorded poses instead of what this tracker makes of the recorded blobs.
+    /// Show the recorded poses instead of tracking the recorded blobs again.
     #[arg(long, conflicts_with = "verify")]
     pub as_recorded: bool,
     /// What is changed.
@@ -72,9 +72,8 @@ pub struct ReplayArgs {
     /// How the recording of a what-if is written.
     #[command(flatten)]
     pub writing: WritingArgs,
-    /// Run the recording through another build as well, by its program vitreo or vitreo-replay, and compare what
-    /// comes of it with what this build makes, as diff does: exit code 0 where that is the same, 5 where it
-    /// differs.
+    /// Replay with another build's vitreo or vitreo-replay as well and compare the results, like vitreo diff.
+    /// Exit code 0: equal; 5: different.
     #[arg(long, value_name = "OTHER_VITREO", help_heading = "What if", conflicts_with_all = ["output", "verify",
         "poses", "blobs", "endless", "assert_tracking", "assert_no_warnings", "from", "until", "window", "interactive", "headless", "video",
         "stills", "as_recorded"])]
@@ -82,19 +81,19 @@ pub struct ReplayArgs {
     /// Who looks for collisions.
     #[command(flatten)]
     pub collision: CollisionArgs,
-    /// Exit with 6 where a body was tracked in a smaller share of frames, 0 to 1.
-    #[arg(long, value_name = "SHARE", value_parser = share)]
+    /// Exit with code 6 if a body was tracked in a smaller fraction of the frames, 0 to 1.
+    #[arg(long, value_name = "FRACTION", value_parser = share, help_heading = "Checks")]
     pub assert_tracking: Option<f64>,
-    /// Exit with 7 if the report has a warning about cameras, rig or tracking.
-    #[arg(long)]
+    /// Exit with code 7 if the report has warnings about cameras, rig or tracking.
+    #[arg(long, help_heading = "Checks")]
     pub assert_no_warnings: bool,
-    /// Write figures as JSON; with --with what the comparison found.
-    #[arg(long, value_name = "FILE.json")]
+    /// Write the figures of the replay as JSON; with --with, the comparison.
+    #[arg(long, value_name = "FILE.json", help_heading = "Outputs")]
     pub report: Option<PathBuf>,
-    /// Whether files that exist are written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
-    /// Name of the simulator that the window's renderer belongs to [default: replay].
+    /// Simulator name of the window's renderer [default: replay].
     #[arg(long, value_name = "NAME", hide_short_help = true)]
     pub instance: Option<String>,
 }

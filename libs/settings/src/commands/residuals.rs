@@ -10,23 +10,23 @@ pub struct ResidualsArgs {
     /// The recording.
     #[arg(value_name = "FILE.mcap")]
     pub file: PathBuf,
-    /// As JSON, for programs.
+    /// Print JSON.
     #[arg(long)]
     pub json: bool,
-    /// Draw them: means and deviations of each marker, and mean residuals over the frame of each camera.
-    #[arg(long, value_name = "OUT.png|svg")]
+    /// Plot the mean and deviation of each marker, and the mean residual over each camera's image.
+    #[arg(long, value_name = "FILE.png|FILE.svg")]
     pub plot: Option<PathBuf>,
-    /// Find out why residuals are large: undo each cause that there may be, track again, and compare. Takes the
-    /// first minute.
+    /// Find the cause of large residuals: undo each possible cause, track again, and compare. Uses the first
+    /// minute.
     #[arg(long)]
     pub causes: bool,
-    /// Find the causes in the last S seconds instead, and print nothing else: quick in a long recording too.
+    /// Search the last S seconds instead and print only the causes; fast in long recordings too.
     #[arg(long, value_name = "S", requires = "causes", conflicts_with = "plot", value_parser = positive)]
     pub last: Option<f64>,
-    /// Leave the search for causes off after S seconds, and say so.
+    /// Give up the search for causes after S seconds, with a message.
     #[arg(long, value_name = "S", requires = "causes", value_parser = positive)]
     pub within: Option<f64>,
-    /// Whether files that exist are written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
 }

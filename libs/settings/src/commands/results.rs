@@ -16,25 +16,25 @@ pub struct ResultsArgs {
     /// Where the store lies.
     #[command(flatten)]
     pub place: StoreArgs,
-    /// Only this trainee's attempts.
+    /// Show only this trainee.
     #[arg(long, value_name = "NAME")]
     pub trainee: Option<String>,
-    /// Only attempts at this module.
+    /// Show only this module.
     #[arg(long, value_name = "NAME")]
     pub module: Option<String>,
-    /// Only attempts at this level.
+    /// Show only this level.
     #[arg(long, value_name = "N")]
     pub level: Option<u32>,
-    /// Draw the learning curve, here or into a picture.
+    /// Plot the learning curve, in the terminal or to a file.
     #[arg(long, value_name = "FILE.png", num_args = 0..=1, default_missing_value = TERMINAL)]
     pub plot: Option<PathBuf>,
-    /// Write every figure as comma-separated values; - is standard output.
+    /// Write all figures as CSV; - is standard output.
     #[arg(long, value_name = "FILE.csv")]
     pub csv: Option<PathBuf>,
-    /// Write every figure as Parquet.
+    /// Write all figures as Parquet.
     #[arg(long, value_name = "FILE.parquet")]
     pub parquet: Option<PathBuf>,
-    /// Whether files that exist are written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
 }
@@ -42,7 +42,7 @@ pub struct ResultsArgs {
 /// Where the results store lies.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct StoreArgs {
-    /// The results store [default: vitreo/results.sqlite in $XDG_DATA_HOME or ~/.local/share].
+    /// Results store [default: vitreo/results.sqlite in $XDG_DATA_HOME or ~/.local/share].
     #[arg(long, value_name = "FILE")]
     pub store: Option<PathBuf>,
 }
@@ -50,25 +50,25 @@ pub struct StoreArgs {
 /// The sub-commands.
 #[derive(Debug, clap::Subcommand)]
 pub enum ResultsCommand {
-    /// Add the attempts in recordings.
+    /// Add recorded attempts.
     Add {
         /// Where the store lies.
         #[command(flatten)]
         place: StoreArgs,
-        /// Pseudonym of who made them.
+        /// Pseudonym of the trainee.
         trainee: String,
         /// The recordings.
         #[arg(value_name = "FILE.mcap", required = true)]
         files: Vec<PathBuf>,
     },
-    /// Delete one attempt of a trainee, or a trainee with every attempt.
+    /// Delete one attempt, or a trainee with all attempts.
     Delete {
         /// Where the store lies.
         #[command(flatten)]
         place: StoreArgs,
-        /// The pseudonym.
+        /// Pseudonym of the trainee.
         trainee: String,
-        /// Delete only this attempt, by its number in `vitreo results`.
+        /// Delete only this attempt, by its number in vitreo results.
         #[arg(long, value_name = "N")]
         attempt: Option<i64>,
         /// Delete the recordings too.

@@ -6,21 +6,20 @@ use std::path::PathBuf;
 /// Arguments of `vitreo score`.
 #[derive(Debug, clap::Args)]
 pub struct ScoreArgs {
-    /// The recordings; of a folder every *.mcap in it and below. Also in an object store:
-    /// s3://BUCKET/KEY.mcap, or all below s3://BUCKET/PREFIX/.
+    /// Recordings, or folders, searched recursively for *.mcap; also s3://BUCKET/KEY.mcap or
+    /// s3://BUCKET/PREFIX/.
     #[arg(value_name = "FILE.mcap|DIR", required_unless_present_any = ["doc", "manifest", "gather"])]
     pub files: Vec<PathBuf>,
     /// What only batches have.
     #[command(flatten)]
     pub batch: BatchArgs,
-    /// Let the simulation do every step again from the recorded poses and handles, and score what
-    /// comes of it.
+    /// Simulate the recorded poses and handles again and score the result.
     #[arg(long)]
     pub resimulate: bool,
-    /// One line of JSON for each recording.
+    /// Print one line of JSON per recording.
     #[arg(long, conflicts_with_all = ["out", "csv", "parquet", "gather", "doc"])]
     pub json: bool,
-    /// Print docs/score.md, which is made from the table of metrics.
+    /// Print docs/score.md, which is generated from the table of metrics.
     #[arg(long, conflicts_with = "files")]
     pub doc: bool,
 }
@@ -28,32 +27,32 @@ pub struct ScoreArgs {
 /// Arguments of a batch.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct BatchArgs {
-    /// Score the recordings that a file lists, one path or address a line, from the file's folder on.
-    #[arg(long, value_name = "FILE")]
+    /// Score the recordings listed in FILE, one path (relative to FILE's folder) or address per line.
+    #[arg(long, value_name = "FILE", help_heading = "Batches")]
     pub manifest: Option<PathBuf>,
-    /// Score only this machine's share: part I of N, counted from 0.
-    #[arg(long, value_name = "I/N", value_parser = shard, conflicts_with = "gather")]
+    /// Score only shard I of N, counted from 0.
+    #[arg(long, value_name = "I/N", value_parser = shard, conflicts_with = "gather", help_heading = "Batches")]
     pub shard: Option<[u32; 2]>,
-    /// Write the scores as Parquet into this folder or below this address, one table for each shard.
-    #[arg(long, value_name = "DIR", conflicts_with = "gather")]
+    /// Write the scores as one Parquet table per shard in this folder or address.
+    #[arg(long, value_name = "DIR", conflicts_with = "gather", help_heading = "Batches")]
     pub out: Option<PathBuf>,
-    /// Leave a shard alone whose table is there and whole; do one again whose table is truncated.
-    #[arg(long, requires = "out")]
+    /// Skip shards with a complete table; repeat those with a truncated one.
+    #[arg(long, requires = "out", help_heading = "Batches")]
     pub resume: bool,
-    /// Put the shards' tables in this folder or below this address together, instead of scoring;
-    /// each that is missing or damaged is named, and nothing is written.
-    #[arg(long, value_name = "DIR", conflicts_with = "resimulate")]
+    /// Join the shards' tables in this folder or address instead of scoring. Missing or damaged tables are
+    /// listed, and nothing is written.
+    #[arg(long, value_name = "DIR", conflicts_with = "resimulate", help_heading = "Batches")]
     pub gather: Option<PathBuf>,
-    /// Write the scores as comma-separated values; - is standard output.
+    /// Write the scores as CSV; - is standard output.
     #[arg(long, value_name = "FILE.csv")]
     pub csv: Option<PathBuf>,
     /// Write the scores as one Parquet file.
     #[arg(long, value_name = "FILE.parquet")]
     pub parquet: Option<PathBuf>,
-    /// Recordings scored at the same time [default: as many as there are processors].
+    /// Recordings to score in parallel [default: one per processor].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub jobs: Option<u32>,
-    /// Whether tables that exist are written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
 }

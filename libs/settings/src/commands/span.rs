@@ -7,11 +7,10 @@ use std::path::Path;
 /// A part of a recording, counted from its first exposure.
 #[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
 pub struct SpanArgs {
-    /// Show the recording from so many seconds after its start; what comes before is computed as fast
-    /// as possible.
+    /// Start S seconds into the recording; everything before is computed as fast as possible.
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = not_negative)]
     pub from: f64,
-    /// End so many seconds after its start.
+    /// Stop S seconds after the recording's start.
     #[arg(long, value_name = "S", value_parser = not_negative)]
     pub until: Option<f64>,
 }

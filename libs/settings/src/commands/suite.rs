@@ -6,19 +6,19 @@ use std::path::PathBuf;
 /// Arguments of `vitreo suite`.
 #[derive(Debug, clap::Args)]
 pub struct SuiteArgs {
-    /// The suite: cases with what is expected of them (docs/suites.md).
+    /// Suite: cases and their expected figures (docs/suites.md).
     #[arg(value_name = "FILE.toml")]
     pub file: PathBuf,
-    /// Only cases whose name contains this text.
+    /// Run only cases whose name contains TEXT.
     #[arg(long, value_name = "TEXT")]
     pub only: Option<String>,
-    /// Cases at a time [default: one a processor].
+    /// Cases to run in parallel [default: one per processor].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
     pub jobs: Option<u32>,
-    /// Write the outcome as JUnit XML, which build servers show.
+    /// Write the results as JUnit XML, for build servers.
     #[arg(long, value_name = "FILE.xml")]
     pub junit: Option<PathBuf>,
-    /// Whether files that exist are written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
 }

@@ -8,9 +8,9 @@ pub struct TraceArgs {
     /// The recording.
     #[arg(value_name = "FILE.mcap")]
     pub file: PathBuf,
-    /// Number of the field, as in tables and logs.
+    /// Field number, as in tables and logs.
     pub field: u64,
-    /// As JSON, for programs.
+    /// Print JSON.
     #[arg(long)]
     pub json: bool,
 }

@@ -17,17 +17,16 @@ pub struct Assignment {
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct WhatIfArgs {
     /// Track with this rig instead of the recorded one.
-    #[arg(long, value_name = "R.json", requires = "output", help_heading = "What if")]
+    #[arg(long, value_name = "RIG.json", requires = "output", help_heading = "What if")]
     pub rig: Option<PathBuf>,
-    /// Simulate in this scene, a file or a shipped one, instead of the recorded one.
-    #[arg(long, value_name = "SCENE", requires = "output", help_heading = "What if")]
+    /// Simulate this scene, shipped or from a file, instead of the recorded one.
+    #[arg(long, value_name = "NAME|FILE", requires = "output", help_heading = "What if")]
     pub scene: Option<String>,
-    /// Set constants of the tracker (tracker.KEY) and numbers of the scene (scene.KEY); vitreo settings lists
-    /// them.
+    /// Change constants of the tracker (tracker.KEY) or the scene (scene.KEY); vitreo settings lists them.
     #[arg(long, value_name = "KEY=VALUE,…", value_delimiter = ',', value_parser = assignment,
         requires = "output", help_heading = "What if")]
     pub set: Vec<Assignment>,
-    /// Write what comes of the recorded blobs, handles and pedal as a recording of its own.
+    /// Record the result, computed from the recorded blobs, handles and pedal.
     #[arg(short, long, value_name = "OUT.mcap", help_heading = "What if",
         conflicts_with_all = ["verify", "poses", "blobs", "report", "endless", "assert_tracking", "assert_no_warnings", "from", "until"])]
     pub output: Option<PathBuf>,
@@ -36,10 +35,10 @@ pub struct WhatIfArgs {
 /// Arguments of `vitreo settings`.
 #[derive(Debug, clap::Args)]
 pub struct SettingsListArgs {
-    /// The scene whose numbers are listed, a file or a shipped one.
-    #[arg(long, value_name = "SCENE", default_value = "peel")]
+    /// Scene to list, shipped or from a file.
+    #[arg(long, value_name = "NAME|FILE", default_value = "peel")]
     pub scene: String,
-    /// As JSON.
+    /// Print JSON.
     #[arg(long)]
     pub json: bool,
 }
@@ -59,19 +58,19 @@ pub struct SweepArgs {
     /// The recordings.
     #[arg(value_name = "FILE.mcap", required = true)]
     pub files: Vec<PathBuf>,
-    /// The constant, and from which to which value in how many steps it goes.
+    /// Constant to change, its first and last value, and the number of values.
     #[arg(long, value_name = "KEY=FROM:TO:COUNT", value_parser = range, required = true)]
     pub set: Range,
-    /// Recordings at the same time [default: as many as there are processors].
+    /// Recordings to replay in parallel [default: one per processor].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub jobs: Option<u32>,
-    /// Write the figures of every run as Parquet.
+    /// Write the figures of all replays as Parquet.
     #[arg(long, value_name = "FILE.parquet")]
     pub parquet: Option<PathBuf>,
-    /// Plot how far the poses move from the recorded ones, by value.
+    /// Plot the distance from the recorded poses over the constant's value.
     #[arg(long, value_name = "FILE.svg|FILE.png", value_parser = plot_file)]
     pub plot: Option<PathBuf>,
-    /// Whether files that exist are written over.
+    /// `--force`.
     #[command(flatten)]
     pub force: Force,
 }

@@ -6,11 +6,11 @@ use std::str::FromStr;
 /// How a recording is written. Every command that writes one takes these.
 #[derive(Debug, Clone, Default, PartialEq, clap::Args)]
 pub struct WritingArgs {
-    /// Pack the recording with zstd (small), lz4 (larger, quicker to read) or not at all (none).
-    #[arg(long, value_name = "HOW", value_parser = PACKINGS, default_value = PACKINGS[0])]
+    /// Compression: zstd (small), lz4 (larger, faster to read) or none.
+    #[arg(long, value_name = "FORMAT", value_parser = PACKINGS, default_value = PACKINGS[0])]
     pub compress: String,
-    /// Write the recording in parts, FILE.0001.mcap, FILE.0002.mcap and so on, of a length (90s, 10m, 1h) or a
-    /// size (500MB, 2GB) each. Each part is a recording; FILE.mcap names them all.
+    /// Split the recording into FILE.0001.mcap, FILE.0002.mcap and so on, by length (90s, 10m, 1h) or size
+    /// (500MB, 2GB). Each part is a recording; FILE.mcap stands for all of them.
     #[arg(long, value_name = "LENGTH|SIZE")]
     pub split: Option<Split>,
 }
