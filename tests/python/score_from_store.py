@@ -144,7 +144,7 @@ def killed_workers(store, recordings):
 
     before = store.names("scores/")
     _, told = work(store, 0)
-    check(all("is whole and not scored again" in words for words in told.values()), "a finished shard was done again")
+    check(all("complete, skipped" in words for words in told.values()), "a finished shard was done again")
     check(store.names("scores/") == before, "a finished shard was put again")
     return text
 
@@ -238,7 +238,7 @@ def vanished_and_refused(store, recordings):
     key = f"few/{recordings[3].name}"
     cases = [
         ("403 Forbidden, AccessDenied", {"refused": key}),
-        ("was listed, and was gone when it was to be read", {"victim": key}),
+        ("was listed, but is gone", {"victim": key}),
     ]
     for words, case in cases:
         code, rows, told = between(store, **case)
@@ -267,7 +267,7 @@ def refusals(store, recordings):
         ("the same, all below", 1, "so are all 5 recordings", (f"s3://{BUCKET}/few/",), nobody),
         ("a bucket that is not there", 1, "there is no bucket 'nowhere'", ("s3://nowhere/day/",), {}),
         ("its place for results", 1, "there is no bucket 'nowhere'", (one, "--out", "s3://nowhere/scores"), {}),
-        ("an object that is not there", 1, "there is no such object", (f"s3://{BUCKET}/none.mcap",), {}),
+        ("an object that is not there", 1, "no such object", (f"s3://{BUCKET}/none.mcap",), {}),
         ("nothing below a prefix", 1, "found none", (f"s3://{BUCKET}/none/",), {}),
         ("an address without a bucket", 2, "expected s3://BUCKET/KEY", ("s3:///day/a.mcap",), {}),
         ("an address of another kind", 2, "expected s3://BUCKET/KEY", ("gs://fleet/day/a.mcap",), {}),
@@ -282,7 +282,7 @@ def refusals(store, recordings):
     listing = f"few/{recordings[0].name}\nfew/gone.mcap\n"
     store.client.put_object(Bucket=BUCKET, Key="short.txt", Body=listing.encode())
     code, out, told = store.score("--manifest", f"s3://{BUCKET}/short.txt", "--csv", "-")
-    check(code == 3 and [r["problem"] for r in table(out)] == ["", "there is no such object"], f"{out} {told}")
+    check(code == 3 and [r["problem"] for r in table(out)] == ["", "no such object"], f"{out} {told}")
     code, out, told = store.score(f"s3://{BUCKET}/few/", "--json")
     check(code == 0 and len(out.splitlines()) == 5 and '"file":"s3://' in out, f"JSON: {out} {told}")
     print(f"{len(cases)} refusals, each by name and with its exit code")

@@ -251,7 +251,7 @@ fn states_of_another_hash_version_are_not_compared_and_poses_are_all_the_same() 
 fn poses_of_another_tracker_are_measured_and_the_states_are_verified() {
     let all = Recording::open(&golden()).expect("golden").items_of(&["steps"]).count() as u64;
     for (version, words) in
-        [(None, "made by a tracker that names no version"), (Some(99), "made by tracker 99")]
+        [(None, "computed by a tracker without a version"), (Some(99), "made by tracker 99")]
     {
         let found = golden_as(&[(TRACKER, version)], |item| vec![item]).expect([50, all]);
         assert_eq!(found.finished.code, Some(3));
@@ -318,7 +318,7 @@ fn a_recording_that_was_not_closed_is_said_to_be_so() {
     bytes.truncate(summary as usize - 13);
     std::fs::write(&open, bytes).expect("copy");
     let told = vitreo(&["info", &open.display().to_string()]).expect_code(3);
-    assert!(told.stderr.contains("not closed in order") && told.stdout.contains("poses"), "{told:?}");
-    let verified = verify(&open).expect_but([50, 50], &["not closed in order"]);
+    assert!(told.stderr.contains("not closed properly") && told.stdout.contains("poses"), "{told:?}");
+    let verified = verify(&open).expect_but([50, 50], &["not closed properly"]);
     assert_eq!(verified.finished.code, Some(3));
 }

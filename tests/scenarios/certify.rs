@@ -42,7 +42,7 @@ fn a_short_certificate_counts_every_triple_and_is_written_in_three_forms() {
     }
     // Nothing is written over, and nothing is measured for it.
     let refused = vitreo(&["certify", "--report", paths[0], "--instance", &name]).expect_code(1);
-    assert!(refused.stderr.contains("exists already"), "{refused:?}");
+    assert!(refused.stderr.contains("already exists"), "{refused:?}");
 }
 
 #[test]

@@ -164,7 +164,7 @@ fn a_state_that_cannot_be_resumed_is_lost_and_told() {
     let report = json(&folder.path().join("report.json"));
     assert_eq!(report["states_lost"], 1);
     let incidents = report["happenings"].to_string();
-    assert!(incidents.contains("begins at its scene"), "{incidents}");
+    assert!(incidents.contains("restarts from its scene"), "{incidents}");
     // Of the first life and of the one that begins at the scene.
     let verified = verify(Path::new(&file)).expect([60, 60]);
     assert_eq!(verified.finished.code, Some(3));

@@ -129,7 +129,7 @@ fn drives_a_whole_run(external: &str, program: &mut Command, stream: &Path, name
     assert_eq!(again.report["ended_by"], "end of the stream", "{:?}", again.done);
     let waits = format!("waiting for a program that sends {}", external.replace(',', ", "));
     assert!(again.done.stderr.contains(&waits), "{:?}", again.done);
-    assert!(again.done.stderr.contains(&format!("{name} has come and sends blobs")), "{:?}", again.done);
+    assert!(again.done.stderr.contains(&format!("{name} has connected and sends blobs")), "{:?}", again.done);
 }
 
 /// What a run left, verified.
@@ -343,7 +343,7 @@ fn what_excludes_itself_is_wrong_use() {
         (&["--external", "blobs"][..], "--rig RIG.json"),
         (&["--external", "blobs,poses"], "only one of"),
         (&["--external", "wheels"], "expected blobs, fields, handles, pedal or poses"),
-        (&["--external", "blobs", "--rig", &rig, "--direct"], "leave --direct away"),
+        (&["--external", "blobs", "--rig", &rig, "--direct"], "omit --direct"),
     ] {
         let done = vitreo(&[&["run", "--no-picture"][..], words].concat()).expect_code(2);
         assert!(done.stderr.contains(named), "{named}: {done:?}");

@@ -98,7 +98,7 @@ impl Live {
 
 /// Waits until the launcher has told that nothing comes.
 fn silence(notices: &mut Receiver<Notice>) {
-    next(notices, |notice| text_of(&notice.text).contains("the blob stream puts out nothing"));
+    next(notices, |notice| text_of(&notice.text).contains("the blob stream sends nothing"));
 }
 
 /// Asserts what every stream of two writers leaves.

@@ -220,7 +220,7 @@ fn three_pipes_are_three_cameras_and_one_that_closes_is_taken_up_again() {
     let closed = observer.health(source, |h| h.state == STATE_DEGRADED && h.text().contains("is closed"));
     assert!(closed.text().starts_with("camera 1 "), "{}", closed.text());
     let without = next(&mut poses, |f| f.field > frame.field + 10 && f.used_count == 2);
-    assert_ne!(without.bodies[0].validity(), Validity::Lost, "tracking goes on with the others");
+    assert_ne!(without.bodies[0].validity(), Validity::Lost, "tracking continues with the others");
     let again = Writer::start(&pipes[1], &painted[1], true);
     observer.health(source, |h| h.state == STATE_RUNNING && h.text().is_empty());
     let back = next(&mut blobs, |b| b.camera == 1 && b.field > without.field);
@@ -365,7 +365,7 @@ fn sources_that_cannot_be_cameras_are_refused_in_words() {
         (&["a", "d", "a"], 1, "/d: No such file"),
         (&["a", "b", "a"], 1, "progressive pictures of 640×240 px; the rig wants fields of 720×288 px"),
         (&["a", "a", "c"], 1, "expected a colour space of 8 bits a sample"),
-        (&["a", "a", "a?gain=4"], 2, "expected no gain: pictures from a pipe or a file are as they are"),
+        (&["a", "a", "a?gain=4"], 2, "expected no gain: a pipe or a file has no such setting"),
     ] {
         let refused = vitreo(&words(&bench.run(&instance_name(), sources, &[]))).expect_code(code);
         assert!(refused.stderr.contains(named), "{sources:?}: {}", refused.stderr);

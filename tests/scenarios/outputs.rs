@@ -161,7 +161,7 @@ fn an_input_is_never_an_output() {
         let _ = std::fs::hard_link(desk.at(case.input), desk.at(&link));
         for output in [desk.name(case.input), desk.name(&link)] {
             for force in [false, true] {
-                refused(case, desk.run(case, &output, force), "is what the command reads");
+                refused(case, desk.run(case, &output, force), "is an input of the command");
             }
         }
         assert!(desk.contents() == before, "{} changed something", case.words);

@@ -38,7 +38,7 @@ fn recordings_of_earlier_builds_replay_frame_for_frame() {
         let verified = verify(file);
         let (poses, states, reasons) = (verified.poses(), verified.states(), verified.reasons().join("; "));
         let told = verified.finished.expect_code(3).stdout;
-        assert!(told.contains("made by a tracker that names no version"), "{}: {told}", file.display());
+        assert!(told.contains("computed by a tracker without a version"), "{}: {told}", file.display());
         assert_eq!((poses.recorded, poses.compared), (frames, frames), "{}: {told}", file.display());
         let differences = verified.report["verify"]["poses"]["differences"].as_object().expect("bodies");
         assert_eq!(differences.len(), 3, "{}: {told}", file.display());

@@ -1,4 +1,4 @@
-//! A process that runs and puts out nothing: the run says so while it goes on, and does not end well.
+//! A process that runs and sends nothing: the run says so while it goes on, and does not end well.
 
 use vitreo_tests::{instance_name, json, vitreo};
 
@@ -11,7 +11,7 @@ fn a_tracker_that_puts_out_nothing_is_named_and_costs_the_exit_code() {
     let run = ["run", "--no-picture", "--direct", "--duration", "4", "--instance", &name];
     let outputs = ["--report", &report, "--record", &record, "--inject-delay", "tracking=1500"];
     let done = vitreo(&[&run[..], &outputs].concat()).expect_code(3);
-    let what = "tracker puts out nothing on poses";
+    let what = "tracker sends nothing on poses";
     assert!(done.stderr.contains(&format!("! {what}")), "{done:?}");
     let report = json(std::path::Path::new(&report));
     let silences = report["silences"].as_array().expect("silences");

@@ -51,7 +51,7 @@ impl Run {
         drop(observer);
         vitreo(&["ctl", "quit", "--instance", &name]).expect_code(0);
         let finished = running.finish();
-        let silent = finished.stderr.contains("puts out nothing");
+        let silent = finished.stderr.contains("sends nothing");
         let told = finished.expect_code(if silent { 3 } else { 0 }).stderr;
         verify(Path::new(&file)).expect_but(least, &[WITHOUT_FRAME, "gaps", "lack"]);
         drop(folder);
@@ -84,7 +84,7 @@ fn a_simulation_that_slept_passes_over_what_it_missed() {
     });
     drop((steps, poses));
     let told = run.end([100, 100]);
-    assert!(told.contains("simcore puts out nothing"), "{told}");
+    assert!(told.contains("simcore sends nothing"), "{told}");
 }
 
 #[test]
@@ -104,7 +104,7 @@ fn a_tracker_that_slept_passes_over_what_it_missed() {
     });
     drop((blobs, poses));
     let told = run.end([100, 100]);
-    assert!(told.contains("fields passed over") && told.contains("tracker puts out nothing"), "{told}");
+    assert!(told.contains("fields passed over") && told.contains("tracker sends nothing"), "{told}");
 }
 
 #[test]

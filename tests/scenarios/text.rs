@@ -57,7 +57,7 @@ fn moment(scene: &str, crowd: bool) -> String {
         overlay.set_next_steps(&next_steps());
         let mut beside = String::new();
         push_line(&mut beside, Place::BottomLeft, "Space does nothing with the light pipe. T: next tool");
-        push_sentence(&mut beside, Place::BottomRight, "the picture comes 12 times a second of 42 asked");
+        push_sentence(&mut beside, Place::BottomRight, "the picture runs at 12 Hz instead of 42 Hz");
         push_line(&mut beside, Place::Top, "Paused");
         overlay.set_overlay(&beside, false);
     }

@@ -94,15 +94,15 @@ fn what_is_no_vitreo_lacks_something_fails_or_crashes_is_told() {
         assert!(words.iter().all(|word| done.stderr.contains(word)), "{words:?}: {done:?}");
     };
     told(&desk.at("absent"), 2, &["absent", "found no file"]);
-    told(Path::new("/bin/echo"), 2, &["/bin/echo", "is no vitreo"]);
-    told(Path::new("/bin/false"), 2, &["is that a vitreo?"]);
+    told(Path::new("/bin/echo"), 2, &["/bin/echo", "is not vitreo"]);
+    told(Path::new("/bin/false"), 2, &["is it vitreo?"]);
     std::fs::write(desk.at("text"), "no program").expect("written");
     told(&desk.at("text"), 1, &["text", "cannot be started"]);
     told(&desk.stub("--lockstep", "exit 9"), 1, &["vitreo 9.9.9", "has no --output"]);
     told(&desk.stub(HELP, "echo unknown thing >&2; exit 2"), 1, &["9.9.9", "exit code 2", "unknown thing"]);
     told(&desk.stub(HELP, "kill -SEGV $$"), 1, &["9.9.9", "crashed, by signal 11"]);
-    told(&desk.stub(HELP, "exit 0"), 1, &["9.9.9", "wrote no recording"]);
-    told(&desk.stub(HELP, "echo x > \"$5\""), 1, &["9.9.9", "what"]);
+    told(&desk.stub(HELP, "exit 0"), 1, &["9.9.9", "without writing a recording"]);
+    told(&desk.stub(HELP, "echo x > \"$5\""), 1, &["9.9.9", "the result of"]);
 }
 
 #[test]

@@ -78,7 +78,11 @@ impl Report {
         let report: Report = serde_json::from_str(&text)
             .with_context(|| format!("{}: expected a report of vitreo run", file.display()))?;
         let judged = report.stages.iter().any(|s| s.is_judged());
-        ensure!(judged, "{}: no budget was judged; the first second of a run does not count", file.display());
+        ensure!(
+            judged,
+            "{}: no budget was checked; the first second of a run does not count",
+            file.display()
+        );
         for (key, percent) in report.load.iter().flat_map(|l| {
             [("load.others_percent", l.others_percent), ("load.stolen_percent", l.stolen_percent)]
         }) {
@@ -273,7 +277,7 @@ mod tests {
             (&beyond, "BROKEN by the program itself", "20.1 of 15 ms (20.0 beside it), 3 of 90 over"),
             (
                 &unknown,
-                "BROKEN by the program itself (what else the machine did is not known)",
+                "BROKEN by the program itself (the machine's other load is unknown)",
                 "15.5 of 15 ms, 3",
             ),
         ] {
@@ -288,8 +292,8 @@ mod tests {
         let path = folder.path().join("x.json");
         for (text, expected) in [
             ("", "expected a report"),
-            ("{\"stages\": []}", "no budget was judged"),
-            (&report(1.0, "null").replace("kept", "no-samples"), "no budget was judged"),
+            ("{\"stages\": []}", "no budget was checked"),
+            (&report(1.0, "null").replace("kept", "no-samples"), "no budget was checked"),
             (&report(1.0, &beside(-3.0)), "load.others_percent is -3, expected 0 to 100"),
         ] {
             fs::write(&path, text).unwrap();

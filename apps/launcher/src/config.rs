@@ -85,7 +85,7 @@ pub fn run(args: &ConfigArgs, line: Command) -> anyhow::Result<ExitCode> {
         Some(What::Path) => files.paths.iter().for_each(|path| println!("{}", path.display())),
         Some(What::Init { file, force }) => {
             let own = file.clone().or_else(|| files.of_user().map(Into::into));
-            let path = own.context("neither FILE nor HOME says where the file goes")?;
+            let path = own.context("no path for the settings file: give FILE or set HOME")?;
             Outputs::new(force.force).write(&path, template(&every_option(line)?))?;
             if path.as_os_str() != outputs::STDOUT {
                 inform(&format!("{}: take the # off a line to set it", path.display()));

@@ -93,12 +93,13 @@ pub fn run(args: &PlayArgs) -> anyhow::Result<ExitCode> {
     }
     if args.desk.inputs.is_none() && !has_display() {
         bail!(
-            "no display: mouse and keyboard are heard by the window with the picture; on a machine without one, \
-             --inputs FILE plays a file of inputs"
+            "no display: mouse and keyboard need the picture's window; without a display, use --inputs FILE"
         );
     }
     if args.desk.inputs.is_none() {
-        inform("click into the picture; F1 shows the keys on it, vitreo play --keys here; F10 ends");
+        inform(
+            "click into the picture to start; F1 shows the keys, vitreo play --keys prints them, F10 quits",
+        );
     }
     run::run(&args.run_args())
 }

@@ -226,7 +226,7 @@ fn missing_singly(report: &Report, input_has_gaps: bool) -> Option<(String, bool
         return None;
     }
     let due = report.tracking.frames_due;
-    let text = format!("{missing} of {due} frames are missing, though their fields came");
+    let text = format!("{missing} of {due} frames are missing although their fields arrived");
     Some((text, is_loss(missing, due)))
 }
 
@@ -240,7 +240,7 @@ fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
         }
         let lost = recording.lost + report.overwritten;
         if lost > 0 {
-            warn(&format!("the recording misses {lost} blocks and says where"));
+            warn(&format!("the recording lacks {lost} blocks; notes in it mark the gaps"));
             code = LOSS;
         }
     }
@@ -285,7 +285,7 @@ fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
     let unmeasured: Vec<&str> = unmeasured.map(|s| s.stage.name()).collect();
     if code != BUDGET && !unmeasured.is_empty() {
         let names = unmeasured.join(", ");
-        warn(&format!("nothing was measured of {names}; the first second of a run does not count"));
+        warn(&format!("no measurements of {names}; the first second of a run does not count"));
         return FAILED;
     }
     code

@@ -104,7 +104,7 @@ fn contents(recording: &Recording, finding: &mut Finding) {
     if let Some(doubt) = recording.doubt() {
         finding.add(1, || doubt.to_string());
     }
-    finding.check(recording.is_finished(), || "the recording was not closed in order".into());
+    finding.check(recording.is_finished(), || "the recording was not closed properly".into());
     let rig = Rig::parse(&provenance.rig_json, "of the recording");
     let rig = rig.map_err(|problem| problem.to_string());
     let works = rig.and_then(|rig| tracker::rig_check::check(&rig).map_err(|problem| problem.to_string()));

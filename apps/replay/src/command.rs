@@ -85,13 +85,13 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
 fn check(args: &ReplayArgs, recording: &Recording, desk: bool) -> anyhow::Result<()> {
     let file = args.file.display();
     if desk && (args.blobs.is_some() || args.assert_tracking.is_some() || args.assert_no_warnings) {
-        bail!("{file}: made at a desk, without cameras: there are no blobs, and nothing was tracked");
+        bail!("{file}: a desk recording without cameras: it has no blobs, and nothing was tracked");
     }
     if args.as_recorded && recording.provenance().source == Source::Import {
-        bail!("{file}: an imported stream holds no poses that could be shown as recorded");
+        bail!("{file}: an imported stream has no recorded poses to show");
     }
     if args.verify && recording.provenance().source == Source::Import {
-        bail!("{file}: an imported stream holds no results to compare with");
+        bail!("{file}: an imported stream has no results to compare with");
     }
     Ok(args.span.check(&args.file, || recording.exposed_s())?)
 }
@@ -288,7 +288,7 @@ fn print(figures: &Figures) {
         println!("the recording has gaps; the first: {lost}");
     }
     if figures.unclosed && figures.damage.is_none() {
-        warn("the recording was not closed in order: what it holds to its end was replayed");
+        warn("the recording was not closed properly: what it holds to its end was replayed");
     }
     for warning in &figures.warnings {
         let to = warning.to_s.map_or("the end".into(), |s| format!("{s:.0} s"));

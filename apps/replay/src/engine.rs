@@ -205,7 +205,7 @@ pub(crate) fn is_before_beginning(
     let restored = tracker.map_or(Ok(()), |tracker| tracker.restore(state));
     match restored {
         Ok(()) => frames.go_on_determined(),
-        Err(problem) => tracing::warn!("what the tracker knew at the cut is of no use: {problem}"),
+        Err(problem) => tracing::warn!("the tracker's state at the cut cannot be used: {problem}"),
     }
     frames.due.begin_here();
     *begins_with = None;
@@ -242,7 +242,7 @@ fn track_turn(
 fn go_on_over_a_gap(tracker: &mut Tracker, turn: &mut FrameTurn, frames: &mut Frames) {
     let Some(Err(problem)) = turn.known.as_ref().map(|known| tracker.restore(known)) else { return };
     let TrackerFrame { field, frame, .. } = *turn.recorded;
-    tracing::warn!(field, frame, "the tracker's checkpoint before this frame is of no use: {problem}");
+    tracing::warn!(field, frame, "the tracker's checkpoint before this frame cannot be used: {problem}");
     frames.go_on_undetermined(turn);
 }
 

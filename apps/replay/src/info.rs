@@ -158,12 +158,12 @@ impl Contents {
             println!("  part {file}: {text}");
         }
         if !self.checksum {
-            println!("  without checksum of rig and scene, as former versions wrote it");
+            println!("  without a checksum of rig and scene (written by an earlier version)");
         }
         println!("  scene {}, {:.2} s from {} ns", self.scene, self.duration_s, self.start_ns);
         for (key, what) in [(TRACKER, "the tracker"), (STATE_HASH, "state hashes")] {
             if self.has_version_of(key) && !self.versions.contains_key(key) {
-                println!("  no version of {what} is named, as former versions wrote it");
+                println!("  without a version of {what} (written by an earlier version)");
             }
         }
         for (group, map) in [("version", &self.versions), ("seed", &self.seeds), ("config", &self.config)] {
@@ -189,7 +189,7 @@ impl Contents {
 }
 
 /// Says that a recording ends where its recorder did.
-const NOT_CLOSED: &str = "not closed in order, readable to its end";
+const NOT_CLOSED: &str = "not closed properly, readable to its end";
 
 /// Runs it. A recording that is damaged or was not closed is described as far as it can be read, with exit
 /// code 3.

@@ -36,7 +36,7 @@ pub fn run(args: &ReplayArgs, program: &Path) -> anyhow::Result<ExitCode> {
     let scratch = Scratch::new()?;
     let [theirs, ours] = ["other.mcap", "this.mcap"].map(|name| scratch.path().join(name));
     run_both(&recording, &other, [&theirs, &ours], &stop)?;
-    let [a, b] = diff::read(&theirs, &ours, true).with_context(|| format!("what {other} made"))?;
+    let [a, b] = diff::read(&theirs, &ours, true).with_context(|| format!("the result of {other}"))?;
     if stop.is_raised() {
         bail!(Stopped);
     }

@@ -38,7 +38,7 @@ impl Tally {
 pub fn run(args: &RecoverArgs) -> anyhow::Result<ExitCode> {
     let recording = Recording::open_in_doubt(&args.file)?;
     if args.output == Path::new(STDOUT) {
-        bail!("what is recovered is read back: give a file, not {STDOUT}");
+        bail!("the output is read back for verification: give a file, not {STDOUT}");
     }
     let mut outputs = Outputs::new(args.force.force).reading_all(files_of(&args.file));
     claim(&args.output, &args.writing, &mut outputs)?;
@@ -54,7 +54,7 @@ pub fn run(args: &RecoverArgs) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     if problems == 0 {
-        warn("the recording was not closed in order; at most its last 200 ms are missing");
+        warn("the recording was not closed properly; at most its last 200 ms are missing");
     }
     Ok(ExitCode::from(LOSS))
 }
@@ -73,7 +73,7 @@ fn copy(recording: &Recording, output: &NewRecording) -> anyhow::Result<(Tally, 
         writer.write(log_time, item)
     };
     if let Some(doubt) = recording.doubt() {
-        warn(&format!("{doubt}; they are taken as they are"));
+        warn(&format!("{doubt}; they are used unchecked"));
         problems += 1;
         early.push(format!("recovered: {doubt}"));
     }

@@ -70,7 +70,7 @@ impl Figures {
             (without_frame > 0 && !self.desk)
                 .then(|| format!("{without_frame} fields have no tracker frame")),
             self.damage.clone().filter(|damage| self.lost.as_ref().is_none_or(|lost| !lost.contains(damage))),
-            (self.unclosed && self.damage.is_none()).then(|| "the recording was not closed in order".into()),
+            (self.unclosed && self.damage.is_none()).then(|| "the recording was not closed properly".into()),
         ];
         let left_out = self.verify.as_ref().map(Verdict::left_out).unwrap_or_default();
         left_out.into_iter().chain(reasons.into_iter().flatten()).collect()

@@ -155,7 +155,7 @@ fn shown<T>(within_s: Option<f64>, search: impl FnOnce(&(dyn Fn(usize, usize) ->
 pub fn rig_of(recording: &Recording) -> anyhow::Result<Rig> {
     let provenance = recording.provenance();
     if provenance.config.contains_key(recording::DESK) {
-        bail!("made at a desk, without cameras: nothing was tracked");
+        bail!("a desk recording without cameras: nothing was tracked");
     }
     let rig = Rig::parse(&provenance.rig_json, "of the recording")?;
     tracker::rig_check::check(&rig).context("the recording's rig cannot work")?;

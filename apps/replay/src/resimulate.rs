@@ -56,11 +56,11 @@ pub fn steps(
 pub fn tell(file: &Path, done: &Resimulated) -> u8 {
     let warn = |text: String| message(tracing::Level::WARN, &format!("{}: {text}", file.display()));
     if let Some(step) = done.differs_at {
-        warn(format!("from step {step} on the state is not the recorded one"));
+        warn(format!("from step {step} on, the state differs from the recording"));
     }
     let (undone, gaps) = (done.undone, done.gaps);
     if undone > 0 || gaps > 0 {
-        warn(format!("inputs of {undone} steps are missing; gone on from a checkpoint {gaps} times"));
+        warn(format!("inputs of {undone} steps are missing; continued from a checkpoint {gaps} times"));
     }
     if done.has_gaps() { LOSS } else { 0 }
 }

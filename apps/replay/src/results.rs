@@ -130,10 +130,10 @@ fn check_trainee(store: &Store, path: &Path, trainee: &str) -> anyhow::Result<()
 fn delete_recording(recording: &NamedRecording) -> anyhow::Result<()> {
     let path = Path::new(&recording.path);
     if recording.shared {
-        bail!("another attempt in the store names it");
+        bail!("another attempt in the store refers to it");
     }
     if recording.sha256.as_ref().is_none_or(|known| sha256_of(path).is_ok_and(|found| found != *known)) {
-        bail!("the file of that name is another one than the attempt's recording");
+        bail!("the file of that name is not the attempt's recording");
     }
     // All parts of one that was written in parts.
     Ok(files_of(path).iter().try_for_each(std::fs::remove_file)?)

@@ -98,11 +98,11 @@ fn text(attempt: &ScoredRecording) -> String {
     let end = match (attempt.ended, score.finished) {
         (true, true) => "finished",
         (true, false) => "time over",
-        (false, _) => "not ended: scored as far as it goes",
+        (false, _) => "not finished: scored up to its end",
     };
     let live = match (attempt.agrees, attempt.live_total) {
-        (Some(true), _) => "the live score, to the bit".into(),
-        (_, Some(live)) => format!("the run told {live:.3}"),
+        (Some(true), _) => "identical to the live score".into(),
+        (_, Some(live)) => format!("the run published {live:.3}"),
         (_, None) => "the run told none".into(),
     };
     // Writing into a string cannot fail.

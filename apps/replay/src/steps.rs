@@ -243,7 +243,7 @@ impl Steps {
             }
             Err(error) => {
                 let field = header.field;
-                tracing::warn!(field, "step {}: its checkpoint is of no use: {error}", header.step);
+                tracing::warn!(field, "step {}: its checkpoint cannot be used: {error}", header.step);
             }
         }
     }
@@ -303,7 +303,7 @@ impl Steps {
                 }
                 Err(error) => {
                     let field = header.field;
-                    tracing::warn!(field, "step {}: its checkpoint is of no use: {error}", header.step);
+                    tracing::warn!(field, "step {}: its checkpoint cannot be used: {error}", header.step);
                 }
             }
         }

@@ -255,7 +255,7 @@ impl StateProof {
 /// Says that the recording's tracker is of another version.
 fn tracker_differs(version: u32) -> String {
     match version {
-        0 => format!("made by a tracker that names no version, this is {TRACKER_VERSION}"),
+        0 => format!("computed by a tracker without a version, this is {TRACKER_VERSION}"),
         version => format!("made by tracker {version}, this is {TRACKER_VERSION}"),
     }
 }

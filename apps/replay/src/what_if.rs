@@ -120,7 +120,7 @@ pub fn setting(recording: &Recording, args: &WhatIfArgs) -> anyhow::Result<Setti
     if recorded.config.contains_key(DESK) && tracks {
         let file = recording.path().display();
         bail!(WrongUse(format!(
-            "--rig, --set {TRACKER}…: {file} was made at a desk, without cameras and tracker"
+            "--rig, --set {TRACKER}…: {file} comes from a desk, without cameras and tracker"
         )));
     }
     let mut setting = Setting { rig, scene, tuning, provenance: recorded.clone() };
@@ -188,7 +188,7 @@ pub fn is_wanted(args: &WhatIfArgs) -> bool {
 /// know it.
 pub fn tuning_or_default(provenance: &Provenance) -> Tuning {
     tuning_of(provenance).unwrap_or_else(|problem| {
-        warn(&format!("{problem:#}: the usual constants are used"));
+        warn(&format!("{problem:#}: using the default constants"));
         Tuning::default()
     })
 }

@@ -252,11 +252,11 @@ mod tests {
         for force in [false, true] {
             for name in ["a", "hard", "soft", "./a"] {
                 let error = text(Outputs::new(force).reading(at("a")).claim(&at(name)));
-                assert!(error.contains("is what the command reads"), "{error}");
+                assert!(error.contains("is an input of the command"), "{error}");
             }
             // A file of a folder that is read.
             let error = text(Outputs::new(force).reading(folder.path()).claim(&at("a")));
-            assert!(error.contains("is what the command reads"), "{error}");
+            assert!(error.contains("is an input of the command"), "{error}");
         }
         Outputs::new(false).reading(at("a")).claim(&at("b")).unwrap();
     }
@@ -288,7 +288,7 @@ mod tests {
             fs::write(&file, "").unwrap();
             let claimed = Outputs::new(false).claim_folder(folder.path(), STILLS);
             match taken {
-                true => assert!(text(claimed).contains(&format!("{name}: exists already; --force"))),
+                true => assert!(text(claimed).contains(&format!("{name}: already exists; use --force"))),
                 false => claimed.unwrap(),
             }
             Outputs::new(true).claim_folder(folder.path(), STILLS).unwrap();

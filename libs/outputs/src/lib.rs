@@ -47,13 +47,13 @@ pub struct Force {
 #[derive(Debug, thiserror::Error)]
 pub enum OutputError {
     /// There is a file of that name.
-    #[error("{path}: exists already; --force writes over it")]
+    #[error("{path}: already exists; use --force to overwrite it")]
     Exists {
         /// The file.
         path: String,
     },
     /// The command reads that file.
-    #[error("{path}: is what the command reads ({input}), and would be lost")]
+    #[error("{path}: is an input of the command ({input}) and would be overwritten")]
     Input {
         /// The output.
         path: String,

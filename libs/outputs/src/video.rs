@@ -30,7 +30,7 @@ pub fn video_file(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     match VideoFormat::of(&path) {
         Some(_) => Ok(path),
-        None => Err("expected a name that ends in .mp4 (H.264) or .y4m (without compression)".into()),
+        None => Err("expected a name that ends in .mp4 (H.264) or .y4m (uncompressed)".into()),
     }
 }
 

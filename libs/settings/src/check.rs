@@ -129,10 +129,10 @@ fn check_entry(command: &Command, entry: &Entry) -> Result<(), Problem> {
 
 fn unknown_key(command: &Command, entry: &Entry) -> Problem {
     if ONLY_TYPED.contains(&entry.key.as_str()) {
-        return entry.problem("is taken from the command line only");
+        return entry.problem("works on the command line only");
     }
     if command.get_positionals().any(|a| a.get_id().as_str() == entry.key) {
-        return entry.problem("is no option; give it on the command line");
+        return entry.problem("is not an option; give it on the command line");
     }
     let known = command
         .get_arguments()
@@ -194,9 +194,9 @@ pub fn words(arg: &Arg, value: &Value) -> Result<Vec<String>, String> {
         (ArgAction::SetTrue, other) => Err(format!("expected true or false, found {other}")),
         (ArgAction::Count, Value::Text(text)) => match text.parse::<u8>() {
             Ok(times) => Ok(vec![format!("--{name}"); times.into()]),
-            Err(_) => Err(format!("expected how often, 0 to 255, found {value}")),
+            Err(_) => Err(format!("expected a count, 0 to 255, found {value}")),
         },
-        (ArgAction::Count, other) => Err(format!("expected how often, 0 to 255, found {other}")),
+        (ArgAction::Count, other) => Err(format!("expected a count, 0 to 255, found {other}")),
         (_, Value::Truth(truth)) if least == 0 => Ok(vec![format!("--{name}"); usize::from(*truth)]),
         (_, Value::Truth(truth)) => Ok(vec![with(&truth.to_string())]),
         (_, Value::Text(text)) => Ok(vec![with(text)]),

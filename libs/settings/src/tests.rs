@@ -215,10 +215,10 @@ fn what_is_wrong_is_told_with_file_line_key_and_what_was_expected() {
             "[run]\nlevle = 1",
             "line 2: [run] levle: expected an option that vitreo run takes, found levle; did you mean level?",
         ),
-        ("[run]\nforce = true", "force: is taken from the command line only"),
-        ("[run]\nfile = \"f\"", "file: is no option"),
+        ("[run]\nforce = true", "force: works on the command line only"),
+        ("[run]\nfile = \"f\"", "file: is not an option"),
         ("level = 2", "line 1: level: expected an option that all commands take, found level"),
-        ("verbose = \"loud\"", "verbose: expected how often, 0 to 255, found \"loud\""),
+        ("verbose = \"loud\"", "verbose: expected a count, 0 to 255, found \"loud\""),
         (
             "[rnu]\nlevel = 2",
             "line 2: [rnu]: expected the name of a command that takes settings, found rnu; did you mean run?",

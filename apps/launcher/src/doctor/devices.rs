@@ -19,17 +19,13 @@ pub(super) fn checks() -> Vec<Check> {
     vec![
         judge(
             "cameras",
-            "none: vitreo blobs takes pictures and clips",
+            "none: vitreo blobs reads pictures and clips",
             &cameras(Path::new("/dev"), Path::new("/sys/class/video4linux")),
         ),
-        judge(
-            "gamepads",
-            "none: mouse and keyboard lead the instruments as well",
-            &gamepads.collect::<Vec<_>>(),
-        ),
+        judge("gamepads", "none: use mouse and keyboard instead", &gamepads.collect::<Vec<_>>()),
         judge(
             "pedals",
-            "none by its name: vitreo pedal shows any device (docs/controls.md)",
+            "none recognised by name: vitreo pedal shows any device (docs/controls.md)",
             &pedals.collect::<Vec<_>>(),
         ),
         judge(

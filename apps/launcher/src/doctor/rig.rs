@@ -22,7 +22,9 @@ const WHERE: &str = "set it in [run] of /etc/vitreo/vitreo.toml (docs/install.md
 pub(super) fn checks() -> Vec<Check> {
     match run_of_settings(&Files::of_this_machine()) {
         Ok(run) => checks_of(&run, has_display()),
-        Err(problem) => vec![Check::fail("settings", problem, "vitreo config shows what is set, and where")],
+        Err(problem) => {
+            vec![Check::fail("settings", problem, "vitreo config shows all settings and their sources")]
+        }
     }
 }
 
@@ -72,7 +74,7 @@ fn cameras(run: &RunArgs, rig: Option<&Rig>) -> Vec<Check> {
     const NAME: &str = "cameras of the rig";
     match run.real.given() {
         None if run.real.external.is_some() => {
-            vec![Check::ok(NAME, "a program of another maker, by libvitreo (--external)")]
+            vec![Check::ok(NAME, "an external driver through libvitreo (--external)")]
         }
         None => {
             let mend = format!("cameras = \"v4l2:/dev/video0,v4l2:/dev/video1,…\": {WHERE}");
@@ -102,7 +104,7 @@ fn pedal(run: &RunArgs) -> Check {
         Some(pedal) => usable(NAME, &pedal.path, Access::READ_OK),
         None => Check::warn(
             NAME,
-            "none is set: it counts as let go, so that nothing cuts or aspirates",
+            "none is set: the pedal stays up, so nothing cuts or aspirates",
             format!("pedal = \"evdev:/dev/input/…\": {WHERE}; vitreo pedal learns one"),
         ),
     }
@@ -119,7 +121,7 @@ fn handles(run: &RunArgs, rig: Option<&Rig>) -> Check {
     };
     if rig.is_some_and(|rig| rig.handles.is_empty()) {
         let mend = "vitreo handles --calibrate writes them into the rig's file (docs/handles.md)";
-        return Check::fail(NAME, "the rig's file does not say how far they open", mend);
+        return Check::fail(NAME, "the rig file has no calibration of the jaws", mend);
     }
     usable(NAME, &handles.path, Access::READ_OK)
 }
@@ -128,12 +130,12 @@ fn picture(run: &RunArgs, display: bool) -> Check {
     const NAME: &str = "picture of the rig";
     let view = &run.view;
     if view.no_picture || view.headless {
-        return Check::ok(NAME, "in no window, as it is set");
+        return Check::ok(NAME, "without a window, as configured");
     }
     match (display, view.window || view.picture.full_screen) {
         (true, _) => Check::ok(NAME, "in a window of this user's display"),
-        (false, true) => Check::fail(NAME, "a window is set, this user has no display", DISPLAY),
-        (false, false) => Check::warn(NAME, "this user has no display: it is drawn in no window", DISPLAY),
+        (false, true) => Check::fail(NAME, "a window is configured, but this user has no display", DISPLAY),
+        (false, false) => Check::warn(NAME, "this user has no display: drawing without a window", DISPLAY),
     }
 }
 

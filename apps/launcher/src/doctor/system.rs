@@ -33,9 +33,11 @@ pub(super) fn checks() -> Vec<Check> {
 fn processors(cpus: usize, name: &str) -> Check {
     let found = format!("{cpus} × {name}");
     match cpus {
-        0 | 1 => {
-            Check::warn("processors", found, "use a machine with two or more; one is shared by everything")
-        }
+        0 | 1 => Check::warn(
+            "processors",
+            found,
+            "use a machine with two or more processors; all processes share this one",
+        ),
         _ => Check::ok("processors", found),
     }
 }
@@ -70,7 +72,7 @@ fn limit(resource: Resource) -> Option<u64> {
 fn realtime(allowed: bool, limit: Option<u64>) -> Check {
     let name = "real-time priority";
     if allowed {
-        return Check::ok(name, "granted: a field does not wait for other programs");
+        return Check::ok(name, "granted: fields do not wait for other programs");
     }
     let limit = limit.map_or("unlimited, but not granted (is chrt there?)".into(), |l| format!("limit {l}"));
     Check::warn(

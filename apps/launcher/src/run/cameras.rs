@@ -47,7 +47,7 @@ pub fn check(real: &RealCamerasArgs, rig: Option<&Path>, direct: bool) -> anyhow
     }
     let Some(streams) = real.streams() else { return Ok(()) };
     if direct {
-        let problem = "--direct: y4m:, mcap:, v4l2: and genicam: bring pictures, in which the camera hardware looks for blobs; leave --direct away";
+        let problem = "--direct: y4m:, mcap:, v4l2: and genicam: deliver pictures, in which the camera hardware detects blobs; omit --direct";
         return Err(WrongUse(problem.into()).into());
     }
     let cameras = Rig::load_or_shipped(rig).context("--rig")?.cameras.len();
@@ -80,11 +80,11 @@ fn check_sources(streams: &Streams) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Refuses a program that is absent or may not be run.
+/// Refuses a program that is absent or not an executable.
 fn check_program(program: &Path) -> anyhow::Result<()> {
     check_file("--cameras", program)?;
     let mode = program.metadata()?.permissions().mode();
-    anyhow::ensure!(mode & 0o111 != 0, "--cameras {}: not a program: it may not be run", program.display());
+    anyhow::ensure!(mode & 0o111 != 0, "--cameras {}: not an executable program", program.display());
     Ok(())
 }
 
@@ -125,7 +125,7 @@ mod tests {
         let absent = told(Some(&driver), Some(&rig));
         assert!(absent.contains("--cameras") && absent.contains("driver: No such file"), "{absent}");
         std::fs::write(&program, "#!/bin/sh\n").unwrap();
-        assert!(told(Some(&driver), Some(&rig)).contains("may not be run"));
+        assert!(told(Some(&driver), Some(&rig)).contains("not an executable"));
         std::fs::set_permissions(&program, PermissionsExt::from_mode(0o755)).unwrap();
         assert!(told(Some(&driver), Some(&rig)).contains("rig.json: No such file"));
         std::fs::write(&rig, "{}").unwrap();
@@ -154,7 +154,7 @@ mod tests {
                 true,
             ),
             ([&*a; 9].join(","), false, "found 9", true),
-            (format!("{a},{a},{a}"), true, "leave --direct away", true),
+            (format!("{a},{a},{a}"), true, "omit --direct", true),
             (format!("{a},{b},{a}"), false, "/b: No such file", false),
             (format!("{a},{a},y4m:/dev/null"), false, "/dev/null: expected a pipe (mkfifo) or a file", false),
             (format!("{a},{a},v4l2:{}", path("a")), false, "/a: expected a device", false),

@@ -17,7 +17,7 @@ use std::process::Stdio;
 pub fn check(args: &RunArgs) -> anyhow::Result<()> {
     let Some(file) = &args.extraction.colours else { return Ok(()) };
     if !args.trackers().contains(&Process::FpgaModel) {
-        let problem = "--colours: nobody looks for blobs in pictures here; leave it away, or what brings blobs or poses";
+        let problem = "--colours: this run extracts no blobs from pictures; omit --colours, or the other source of blobs or poses";
         return Err(WrongUse(problem.into()).into());
     }
     check_file("--colours", file)?;

@@ -52,7 +52,7 @@ pub fn check(args: &RunArgs) -> anyhow::Result<()> {
     if Rig::load_or_shipped(args.rig.rig.as_deref()).context("--rig")?.handles.is_empty() {
         let how = format!("vitreo handles {handles} --calibrate RIG.json -o NEW.json");
         let problem =
-            format!("--handles: the rig has no section handles, which says how far jaws open: {how}");
+            format!("--handles: the rig has no section handles, the calibration of the jaws: {how}");
         return Err(WrongUse(problem).into());
     }
     Ok(())

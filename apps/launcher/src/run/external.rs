@@ -21,7 +21,7 @@ pub fn check(args: &RunArgs) -> anyhow::Result<()> {
     let Some(external) = &args.real.external else { return Ok(()) };
     if let (Some(other), Some(source)) = (&args.real.poses, external.source().and_then(Process::drives)) {
         let problem =
-            format!("--poses {other}, --external {source}: only one of them can be where poses come from");
+            format!("--poses {other}, --external {source}: only one of them can be the source of poses");
         return Err(WrongUse(problem).into());
     }
     let wrong = |problem: &str| Err(WrongUse(format!("--external {external}: {problem}")).into());
@@ -41,7 +41,7 @@ pub fn check(args: &RunArgs) -> anyhow::Result<()> {
         ("--direct", cameras.direct),
     ];
     match others.into_iter().find(|(_, given)| *given) {
-        Some((option, _)) => wrong(&format!("it stands in the place of the cameras; leave {option} away")),
+        Some((option, _)) => wrong(&format!("it replaces the cameras; omit {option}")),
         None if args.rig.rig.is_none() => wrong("it needs the rig of its cameras: --rig RIG.json"),
         None => Ok(()),
     }
@@ -103,17 +103,21 @@ impl Presence {
             let end = if self.was_there { " is gone" } else { "" };
             return finding(
                 format!("{what} {channel}{end}"),
-                "--external leaves it to another program, which the launcher does not start",
-                "start it (docs/drivers.md); the run goes on and takes it up again",
+                "--external expects it from another program, which the launcher does not start",
+                "start it (docs/drivers.md); the run continues and reconnects",
             );
         }
         if self.is_silent(now) {
             let what = format!("{words} sends nothing on {channel}");
-            return finding(what, "it lives, and has nothing to send or hangs", "see to it; the run goes on");
+            return finding(
+                what,
+                "it is alive, but hangs or has nothing to send",
+                "check it; the run continues",
+            );
         }
         let degraded = health.is_some_and(|health| health.state == STATE_DEGRADED);
         let what = format!("{channel}: {words}");
-        degraded.then(|| finding(what, "its driver says so", "see to it; the run goes on")).flatten()
+        degraded.then(|| finding(what, "its driver says so", "check it; the run continues")).flatten()
     }
 }
 
@@ -131,8 +135,8 @@ impl Supervisor {
         let health = bridge.health.filter(|h| h.state == STATE_DEGRADED)?;
         Some(Finding {
             what: health.text(),
-            cause: "its server, the network, or what --poses says of it; what does not come is lost".into(),
-            remedy: "see to it; the run goes on and takes it up again by itself".into(),
+            cause: "its server, the network, or the address in --poses; missing poses are lost".into(),
+            remedy: "check it; the run continues and reconnects by itself".into(),
             // Another trouble is told anew.
             subject: format!("other tracker: {}", health.text()),
         })
@@ -205,7 +209,7 @@ mod tests {
         assert_eq!(args(&["handles", "y4m:a"]), "");
         assert!(args(&["handles", "driver"]).contains("sends handles and pedal itself"));
         assert!(args(&["blobs"]).contains("--rig"));
-        assert!(args(&["blobs,pedal", "y4m:a", "r.json"]).contains("leave --cameras away"));
+        assert!(args(&["blobs,pedal", "y4m:a", "r.json"]).contains("omit --cameras"));
         assert_eq!(args(&["poses", "virtual", "r.json"]), "");
         let beside = |external: &str| {
             let mut args = RunArgs::default();

@@ -82,7 +82,7 @@ impl Traced {
 pub(super) fn write(trace: &FieldTrace, outputs: &mut Outputs, file: &Path) -> Result<(), OutputError> {
     trace.missing.iter().for_each(|missing| warn(&format!("the trace: {}", missing.text(trace.origin))));
     if trace.is_empty() {
-        warn("no trace is written: no process has left a span");
+        warn("no trace written: no process recorded a span");
         return Ok(());
     }
     let mut to = outputs.create(file)?;

@@ -45,7 +45,7 @@ pub async fn print(report: &Report, has_cameras: bool, stop: &StopSignal) {
         Ok(Found::Said(said)) => said.iter().for_each(|text| println!("{text}")),
         Ok(Found::LeftOff) => {
             println!(
-                "the search for a cause of residuals was left off: vitreo residuals {} --causes",
+                "the search for the cause of the residuals was stopped; to continue: vitreo residuals {} --causes",
                 recording.file
             );
         }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use std::fs::read_to_string;
 
 /// What is said where the system does not tell.
-pub const NO_LOAD: &str = "what else the machine did is not known";
+pub const NO_LOAD: &str = "the machine's other load is unknown";
 
 /// Time of all processors since the machine's start, in ticks, by what it went to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,7 +70,7 @@ impl Load {
         if *stolen_percent < 0.5 {
             return others;
         }
-        format!("{others}, the host of this machine {stolen_percent:.0} %")
+        format!("{others}, this machine's host {stolen_percent:.0} %")
     }
 }
 

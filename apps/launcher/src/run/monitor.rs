@@ -140,11 +140,11 @@ impl Monitor {
 /// What `displayed` is, where the last frame has these flags.
 fn displayed_by(flags: u32, reported: u64) -> &'static str {
     if reported > 0 {
-        "the display server's word on when the picture began to be shown, an estimate where it had none"
+        "the presentation time from the display server, or an estimate without one"
     } else if flags & DISPLAY_ESTIMATED != 0 {
         "an estimate: the first refresh after the picture was handed over"
     } else {
-        "the instant at which the picture was complete (there is no display)"
+        "the time at which the picture was complete (no display)"
     }
 }
 
@@ -198,13 +198,19 @@ mod tests {
         let choices: Vec<_> = picture.tiers.iter().map(|c| (c.tier, c.reason)).collect();
         assert_eq!(choices, [(0, TierReason::Start.text()), (1, TierReason::Overload.text())]);
         assert!((picture.tiers[1].at_s - 0.3).abs() < 1e-9);
-        assert!(picture.displayed.starts_with("the instant at which"));
+        assert!(picture.displayed.starts_with("the time at which"));
         monitor.note(&Item::Frame(FrameRecord { flags: DISPLAY_ESTIMATED, ..FrameRecord::zeroed() }));
         assert!(monitor.picture("x".into()).unwrap().displayed.starts_with("an estimate"));
         for flags in [DISPLAY_REPORTED, DISPLAY_ESTIMATED] {
             monitor.note(&Item::Frame(FrameRecord { flags, ..FrameRecord::zeroed() }));
         }
         let picture = monitor.picture("x".into()).unwrap();
-        assert_eq!((picture.reported, picture.displayed.starts_with("the display server's word")), (1, true));
+        assert_eq!(
+            (
+                picture.reported,
+                picture.displayed.starts_with("the presentation time from the display server")
+            ),
+            (1, true)
+        );
     }
 }

@@ -362,7 +362,7 @@ impl Report {
             let why = p.tiers.last().map_or("", |choice| choice.reason);
             writeln!(out, " ({why}; {} choices)", p.tiers.len())?;
             write!(out, "         displayed is {}", p.displayed)?;
-            let of = format!(" ({} of {} frames have its word)", p.reported, p.frames);
+            let of = format!(" ({} of {} frames with its time)", p.reported, p.frames);
             writeln!(out, "{}", if p.reported > 0 { of.as_str() } else { "" })?;
         }
         for delivery in &self.cameras {

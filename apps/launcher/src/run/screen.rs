@@ -42,7 +42,7 @@ pub struct Status<'a> {
     pub incident: &'a str,
     /// What is wrong and lasts.
     pub watch: &'a Watch,
-    /// The process that puts out nothing, if there is one.
+    /// The process that sends nothing, if there is one.
     pub silence: Option<&'a Finding>,
 }
 

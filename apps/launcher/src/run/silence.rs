@@ -5,7 +5,7 @@ use diagnosis::{Finding, Warning};
 use protocol::health::Process;
 use protocol::time::Nanos;
 
-/// A process that puts out nothing for this long is silent, ns.
+/// A process that sends nothing for this long is silent, ns.
 const SILENT_NS: u64 = 500_000_000;
 /// While nothing has come from upstream for this long, nothing is expected, ns: five fields.
 const STARVED_NS: u64 = 100_000_000;
@@ -16,17 +16,15 @@ const KEPT: usize = 100;
 
 /// What is said of a process.
 const OF_PROCESS: [&str; 2] =
-    ["its lines on standard error say why", "end the run and report this with its recording"];
+    ["its messages on standard error give the reason", "end the run and report this with its recording"];
 /// What is said of a live stream.
 const OF_STREAM: [&str; 2] = [
-    "its writer is not there, or writes nothing that can be used: virtual-rig's lines on standard error say which",
-    "see to the writer; the run goes on and takes its lines up again",
+    "its writer is missing or writes nothing valid: see virtual-rig's messages on standard error",
+    "check the writer; the run continues and reads its lines again",
 ];
 /// What is said of a program of another maker.
-const OF_DRIVER: [&str; 2] = [
-    "its driver is not there, or has nothing to send",
-    "see to the driver; the run goes on and takes it up again",
-];
+const OF_DRIVER: [&str; 2] =
+    ["its driver is missing or has nothing to send", "check the driver; the run continues and reconnects"];
 /// What a live stream is called.
 const STREAM: &str = "the blob stream";
 /// With what the names of drivers end.
@@ -84,10 +82,10 @@ impl SilenceWatch {
             Process::Desk | Process::PosesDriver => (None, source),
             _ => (Some("blobs"), Process::Tracker),
         };
-        let source = source.map(|c| output(cameras, c, "the tracker gets nothing"));
+        let source = source.map(|c| output(cameras, c, "the tracker receives nothing"));
         let path = [
-            output(poses.name(), "poses", "the instruments stand still in the picture"),
-            output(Process::Simcore.name(), "steps", "the tissue stands still"),
+            output(poses.name(), "poses", "the instruments are frozen in the picture"),
+            output(Process::Simcore.name(), "steps", "the tissue is frozen"),
         ];
         SilenceWatch { outputs: source.into_iter().chain(path).collect(), warnings: Vec::new(), at_ns: 0 }
     }
@@ -123,7 +121,7 @@ impl SilenceWatch {
         }
         let (name, channel) = (first.name, CHANNELS[first.channel]);
         let finding = Finding {
-            what: format!("{name} puts out nothing on {channel}: {}", first.effect),
+            what: format!("{name} sends nothing on {channel}: {}", first.effect),
             cause: format!("{} messages came before; {}", first.count, first.advice[0]),
             remedy: first.advice[1].into(),
             subject: format!("silence of {name}"),
@@ -210,7 +208,7 @@ mod tests {
     fn a_stream_that_others_write_is_no_fault_of_a_process() {
         let mut watch = SilenceWatch::new(Process::VirtualRig, true);
         assert_eq!(second(&mut watch, 0, &[]), ["silence of the blob stream"]);
-        assert!(watch.present().is_some_and(|finding| finding.remedy.contains("see to the writer")));
+        assert!(watch.present().is_some_and(|finding| finding.remedy.contains("check the writer")));
         assert!(second(&mut watch, 1_000, &["blobs", "poses", "steps"]).is_empty());
         assert_eq!(second(&mut watch, 2_000, &["blobs"]), ["silence of tracker"]);
         let silences = (watch.of_stream(), watch.of_processes());

@@ -248,8 +248,8 @@ impl Supervisor {
         let health = source?.health.filter(|h| h.state == STATE_DEGRADED)?;
         Some(Finding {
             what: health.text(),
-            cause: "its source brings no pictures that can be used; tracking goes on with the others".into(),
-            remedy: "look at what writes into it; it is taken up again by itself".into(),
+            cause: "its source delivers no usable pictures; tracking continues with the others".into(),
+            remedy: "check its writer; it resumes by itself".into(),
             subject: "cameras".into(),
         })
     }
@@ -260,8 +260,8 @@ impl Supervisor {
         let health = controls.health.filter(|h| h.state == STATE_DEGRADED)?;
         Some(Finding {
             what: health.text(),
-            cause: "the device, its cable, or what writes into its pipe; the run goes on without it".into(),
-            remedy: "look at it with vitreo pedal or vitreo handles; it is taken up again by itself".into(),
+            cause: "the device, its cable, or the writer of its pipe; the run continues without it".into(),
+            remedy: "check it with vitreo pedal or vitreo handles; it resumes by itself".into(),
             subject: "pedal and handles".into(),
         })
     }
@@ -408,8 +408,7 @@ impl Slot {
         }
         child.kill().await;
         let silent_s = silent_ns as f64 * 1e-9;
-        let how =
-            format!("{} gave no sign of life for {silent_s:.1} s and was killed", self.process.binary());
+        let how = format!("{} sent no heartbeat for {silent_s:.1} s and was killed", self.process.binary());
         Some(End { orderly: false, code: None, how })
     }
 

@@ -36,14 +36,14 @@ pub fn say_for_themselves(trouble: Finding, found: &mut Vec<Finding>) {
 
 fn missing_inputs(monitor: &Monitor) -> impl Iterator<Item = Finding> {
     let expected = [
-        (1, "handles", "jaws, cutter and light stay as they were"),
-        (2, "pedal", "suction, cutting and the microscope stay as they were"),
+        (1, "handles", "jaws, cutter and light keep their state"),
+        (2, "pedal", "suction, cutting and the microscope keep their state"),
     ];
     expected.into_iter().filter(|(channel, ..)| monitor.traffic[*channel].count == 0).map(
         |(_, name, effect)| Finding {
-            what: format!("nothing ever came on channel {name}"),
+            what: format!("no message on channel {name}"),
             cause: format!("its driver does not run, so {effect}"),
-            remedy: "start the driver, or vitreo doctor".into(),
+            remedy: "start the driver, or run vitreo doctor".into(),
             subject: name.into(),
         },
     )
@@ -52,12 +52,12 @@ fn missing_inputs(monitor: &Monitor) -> impl Iterator<Item = Finding> {
 fn slow_picture(monitor: &Monitor) -> Option<Finding> {
     let (frame, rate) = (monitor.frame?, monitor.traffic[5].rate_hz);
     (rate < SLOW_SHARE * ASKED_HZ).then(|| Finding {
-        what: format!("the picture comes {rate:.0} times a second of {ASKED_HZ} asked"),
+        what: format!("the picture runs at {rate:.0} Hz instead of {ASKED_HZ} Hz"),
         cause: format!(
-            "this machine draws 2 × {} × {} px no faster beside all else",
+            "this machine draws 2 × {} × {} px no faster beside the other processes",
             frame.width_px, frame.height_px
         ),
-        remedy: "end other programs, or use a graphics card: vitreo doctor says what draws".into(),
+        remedy: "end other programs, or use a graphics card; vitreo doctor shows the graphics adapter".into(),
         subject: "picture".into(),
     })
 }

@@ -77,7 +77,7 @@ fn simulated(recording: &Recording, exposed_ns: Nanos) -> anyhow::Result<(SceneS
     let world = World::new(&scene_of(recording)?).context("scene")?;
     let mut player = Player::as_recorded(Timeline::open(recording)?, world)?;
     let arrival = player.seek(Target::Exposed(exposed_ns))?;
-    let at = arrival.at.context("no recorded step stands at that instant or behind it")?;
+    let at = arrival.at.context("no recorded step at that time or later")?;
     let last = player.last().context("a step")?;
     let (instants, state_hash) = (last.record.instants, last.record.state_hash);
     let mut blocks = Blocks::new(player.world());
@@ -88,7 +88,7 @@ fn simulated(recording: &Recording, exposed_ns: Nanos) -> anyhow::Result<(SceneS
         (late_s > 0.1).then(|| format!("{late_s:.2} s later, where its next step is")),
         arrival.lost.map(|lost| format!("the recording has a gap before it: {lost}")),
         (player.run().steps.done.differs_at.is_some())
-            .then(|| "the state that was simulated again is not the recorded one".into()),
+            .then(|| "the simulated state differs from the recorded one".into()),
     ];
     let notes: Vec<String> = notes.into_iter().flatten().collect();
     Ok((shown, (!notes.is_empty()).then(|| notes.join("; "))))
@@ -102,5 +102,5 @@ fn streamed(recording: &Recording, rig: &Rig, at_s: f64) -> anyhow::Result<Scene
         last = Some(shown);
         Ok(ControlFlow::Continue(()))
     })?;
-    last.context("no step stands at that instant")
+    last.context("no step at that time")
 }

@@ -133,7 +133,7 @@ impl Side {
             }
         }
         if !recording.is_finished() {
-            side.losses.push("the recording was not closed in order".into());
+            side.losses.push("the recording was not closed properly".into());
         }
         side.score = score.map(Reader::finish);
         side.sort();

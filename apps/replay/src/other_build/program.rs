@@ -73,7 +73,7 @@ impl Build {
         let version = said.strip_prefix("vitreo ").and_then(|rest| rest.split_whitespace().next());
         let Some(version) = version else {
             bail!(WrongUse(format!(
-                "--with {}: is no vitreo: asked for its version it says '{}'",
+                "--with {}: is not vitreo: its version output is '{}'",
                 program.display(),
                 printable(said.lines().next().unwrap_or_default())
             )));
@@ -84,8 +84,7 @@ impl Build {
         let build = Build { program, version, without_settings };
         if !help.contains("--output") {
             bail!(
-                "{build}: cannot record what it makes of a recording: its replay has no --output; \
-                 replay FILE --lockstep --poses OUT.csv of both builds can be compared instead"
+                "{build}: cannot record a replay: its replay has no --output; compare replay FILE --lockstep --poses OUT.csv of both builds instead"
             );
         }
         Ok(build)
@@ -128,7 +127,7 @@ impl Running<'_> {
             (None, None) => bail!("{build}: ended without an exit code{told}"),
         };
         if !self.output.is_file() {
-            bail!("{build}: ended as if it had done its work, and wrote no recording{told}");
+            bail!("{build}: exited successfully without writing a recording{told}");
         }
         Ok(ended)
     }
@@ -145,7 +144,7 @@ fn answer(program: &Path, words: &[&str], stop: &StopSignal) -> anyhow::Result<S
         bail!("--with: {name}: no answer after {} s", ANSWER.as_secs());
     };
     if !status.success() {
-        bail!(WrongUse(format!("--with: {name}: failed ({status}): is that a vitreo?{}", child.told())));
+        bail!(WrongUse(format!("--with: {name}: failed ({status}): is it vitreo?{}", child.told())));
     }
     let said = said.and_then(|said| said.recv_timeout(ARRIVAL).ok());
     Ok(String::from_utf8_lossy(&said.unwrap_or_default()).into_owned())

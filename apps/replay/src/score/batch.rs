@@ -68,7 +68,7 @@ fn put_together(asked: &ScoreArgs, place: &Place<'_>, store: &Store) -> anyhow::
         let listed = whole.origin.listed;
         ensure!(
             named == whole.origin.list_sha256,
-            "the tables are of another list than the one that is named ({listed} recordings); nothing was written"
+            "the tables belong to another list than the one given ({listed} recordings); nothing was written"
         );
     }
     write_tables(&whole.table, &mut outputs, args.csv.as_deref(), args.parquet.as_deref())?;
@@ -190,7 +190,7 @@ fn found(place: &Place<'_>, origin: &Origin) -> anyhow::Result<Found> {
                 how.is_empty(),
                 "{name}: is there, of another {how}; give this batch a folder of its own"
             );
-            inform(&format!("{name}: is whole and not scored again"));
+            inform(&format!("{name}: complete, skipped"));
             Ok(Found::Whole(done.table))
         }
     }
@@ -208,7 +208,7 @@ fn write_shard(
         Written::Now => inform(&name),
         // Two of the same shard, of which one was taken for dead: either table will do.
         Written::Before if resume && matches!(found(place, origin)?, Found::Whole(_)) => {}
-        Written::Before => bail!("{name}: exists already; --force writes over it"),
+        Written::Before => bail!("{name}: already exists; use --force to overwrite it"),
     }
     Ok(())
 }

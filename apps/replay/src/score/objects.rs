@@ -50,10 +50,10 @@ pub enum ObjectError {
         problem: String,
     },
     /// There is no such object.
-    #[error("{0}: there is no such object")]
+    #[error("{0}: no such object")]
     Absent(String),
-    /// It was listed, and was gone when it was to be read.
-    #[error("{0}: was listed, and was gone when it was to be read")]
+    /// It was listed, but is gone.
+    #[error("{0}: was listed, but is gone")]
     Gone(String),
     /// It was listed, and was another when it was to be read.
     #[error("{0}: has changed since it was listed")]
@@ -67,7 +67,7 @@ pub enum ObjectError {
         problem: String,
     },
     /// The store does not know who asks, or not any more.
-    #[error("{address}: the object store does not take the credentials (AWS_…): {problem}")]
+    #[error("{address}: the object store rejects the credentials (AWS_…): {problem}")]
     Credentials {
         /// What was asked for.
         address: String,
@@ -83,7 +83,7 @@ pub enum ObjectError {
         bucket: String,
     },
     /// An object of that name exists.
-    #[error("{0}: exists already; --force writes over it")]
+    #[error("{0}: already exists; use --force to overwrite it")]
     Exists(String),
     /// The store did not answer, or not to the end, after several tries.
     #[error("{address}: the object store cannot be reached: {problem}")]

@@ -159,7 +159,7 @@ fn again(
         let without_frame = if desk { 0 } else { run.frames.due.frames_missing() };
         reasons.extend((without_frame > 0).then(|| format!("{without_frame} fields have no tracker frame")));
         reasons.extend(lost.or(run.steps.lost).or(run.frames.lost));
-        reasons.extend((!recording.is_finished()).then(|| "the recording was not closed in order".into()));
+        reasons.extend((!recording.is_finished()).then(|| "the recording was not closed properly".into()));
         checked.verified = verdict.poses.compared + verdict.states.compared;
         checked.expect(verdict.difference.is_none() && reasons.is_empty() && checked.verified > 0, || {
             [vec![verdict.text()], reasons].concat().join("; ")

@@ -66,7 +66,7 @@ fn open_at(recording: &Recording, places: &[PathBuf], stop: &StopSignal) -> anyh
     for place in places.iter().filter(|place| place.exists()) {
         match checked(place, &wanted) {
             Ok(index) => return Ok(with_index(timeline, index)?),
-            Err(why) => tracing::info!("{}: made anew: {why}", place.display()),
+            Err(why) => tracing::info!("{}: rebuilt: {why}", place.display()),
         }
     }
     for place in places {
@@ -82,7 +82,7 @@ fn open_at(recording: &Recording, places: &[PathBuf], stop: &StopSignal) -> anyh
         file.appear()?;
         return Ok(with_index(timeline, Recording::open(place)?)?);
     }
-    tracing::warn!("{}: no place for an index: it is played from its beginning", recording.path().display());
+    tracing::warn!("{}: cannot store an index; playing from the beginning", recording.path().display());
     Ok(timeline)
 }
 

@@ -101,7 +101,7 @@ impl Pairs {
     fn items(&self, chunk: usize, topic: &'static str) -> Vec<(Nanos, Item)> {
         let read = self.file.items_of_chunk(&self.chunks, chunk, &[topic]);
         read.unwrap_or_else(|problem| {
-            tracing::warn!("a checkpoint is of no use: {problem}");
+            tracing::warn!("a checkpoint cannot be used: {problem}");
             Vec::new()
         })
     }

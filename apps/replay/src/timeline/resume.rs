@@ -54,7 +54,7 @@ impl Recorded {
         match tracker.restore(state) {
             Ok(()) => self.frames.go_on_determined(),
             Err(problem) => {
-                tracing::warn!("a checkpoint of the tracker is of no use: {problem}");
+                tracing::warn!("a checkpoint of the tracker cannot be used: {problem}");
                 return false;
             }
         }

@@ -39,8 +39,7 @@ impl Beginning {
         if is_other_scene(provenance, &setting.scene) {
             let file = recording.path().display();
             bail!(WrongUse(format!(
-                "{file}: was cut, and begins with the eye as it was there, which no other scene can have; \
-                 change the scene of the whole recording, and cut then"
+                "{file}: is a cut part and begins with the eye's state at the cut, which fits no other scene; change the scene of the whole recording, then cut"
             )));
         }
         let mut beginning = Beginning { world: world_at_start(recording), ..Beginning::default() };
@@ -53,7 +52,7 @@ impl Beginning {
         if beginning.anew.is_none()
             && let Err(problem) = tracker.restore(&recorded)
         {
-            beginning.anew = Some(format!("what it knew there is of no use: {problem}"));
+            beginning.anew = Some(format!("its state there cannot be used: {problem}"));
         }
         let known = match beginning.anew {
             None => recorded,
@@ -81,8 +80,8 @@ impl Beginning {
     pub fn text(&self) -> Option<String> {
         self.tracker.as_ref()?;
         Some(match &self.anew {
-            None => "begins at the cut with what the tracker knew there".into(),
-            Some(why) => format!("the tracker begins anew at the cut, without what it knew there: {why}"),
+            None => "begins at the cut with the tracker's state there".into(),
+            Some(why) => format!("the tracker starts anew at the cut: {why}"),
         })
     }
 }

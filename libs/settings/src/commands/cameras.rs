@@ -176,7 +176,7 @@ impl Stream {
             "gain" => self.wanted.gain.is_some(),
             "trigger" => self.wanted.trigger.is_some(),
             _ if self.kind == StreamKind::Mcap => {
-                return Err("expected nothing after the file: a recording says all of its fields".into());
+                return Err("expected nothing after the file: a recording describes its own fields".into());
             }
             _ if !self.kind.is_camera() => {
                 return Err("expected ?parity=0 or ?parity=1 after the path".into());
@@ -187,7 +187,7 @@ impl Stream {
             return Err(format!("expected {key} once"));
         }
         if key != "parity" && !self.kind.is_camera() {
-            return Err(format!("expected no {key}: pictures from a pipe or a file are as they are"));
+            return Err(format!("expected no {key}: a pipe or a file has no such setting"));
         }
         match key {
             "parity" => {
@@ -296,7 +296,7 @@ mod tests {
             ("y4m:a?parity=2", "?parity=0 or ?parity=1"),
             ("y4m:a?rate=50", "?parity=0 or ?parity=1"),
             ("y4m:?parity=1", "expected y4m:PATH"),
-            ("y4m:a?gain=4", "expected no gain: pictures from a pipe or a file are as they are"),
+            ("y4m:a?gain=4", "expected no gain: a pipe or a file has no such setting"),
             ("v4l2:", "expected y4m:PATH, mcap:FILE, v4l2:/dev/videoN or genicam:NAME"),
             ("genicam:?gain=1", "expected y4m:PATH, mcap:FILE, v4l2:/dev/videoN or genicam:NAME"),
             ("mcap:a?parity=1", "expected nothing after the file"),

@@ -74,7 +74,7 @@ impl TracePart {
         };
         let head: Head = pod_read_unaligned(head);
         if head.magic != MAGIC {
-            return damaged("it is of another version");
+            return damaged("it has another version");
         }
         let Some(process) = Process::from_wire(head.process) else { return damaged("it names no process") };
         let spans = spans.chunks_exact(size_of::<Span>());

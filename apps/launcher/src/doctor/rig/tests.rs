@@ -67,7 +67,7 @@ fn what_is_missing_is_named() {
     assert!(of(&told, "cameras").last().unwrap().found.contains("2 are set, the rig has 3"), "{told:?}");
     let serial = format!("{settings}handles = \"serial:{}\"\n", folder.path().join("a").display());
     let told = said(&serial, true);
-    assert!(of(&told, "handles")[0].found.contains("how far they open"), "{told:?}");
+    assert!(of(&told, "handles")[0].found.contains("no calibration of the jaws"), "{told:?}");
     fs::write(folder.path().join("rig.json"), "{").unwrap();
     assert_eq!(of(&said(&settings, true), "rig file")[0].state, State::Fail);
     assert_eq!(of(&said(&format!("{settings}window = true\n"), false), "picture")[0].state, State::Fail);

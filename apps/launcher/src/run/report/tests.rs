@@ -83,10 +83,13 @@ fn tables_name_every_stage_and_incident() {
 #[test]
 fn who_broke_a_budget_is_said_in_words() {
     let mut report = report();
-    assert!(report.judgement().starts_with("budgets: all 1 kept; what else"), "{report:?}");
+    assert!(report.judgement().starts_with("budgets: all 1 kept; the machine's other load"), "{report:?}");
     let stage = &mut report.stages[Stage::Simulation as usize];
     (stage.broken, stage.judged_ms, stage.mean_ms) = (true, 1.5 * stage.budget_ms, stage.mean_budget_ms);
-    assert!(report.judgement().contains("simulation broken by the program itself; what else"), "{report:?}");
+    assert!(
+        report.judgement().contains("simulation broken by the program itself; the machine's other load"),
+        "{report:?}"
+    );
     let of = |others_percent| Load { processors: 2, others_percent, stolen_percent: 0.0 };
     report.load = Some(of(40.0));
     let told = report.judgement();

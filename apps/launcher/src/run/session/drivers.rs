@@ -37,9 +37,9 @@ impl Session<'_> {
     pub(super) fn tell_driver(&mut self, at: Nanos, driver: Process, is_there: bool) {
         let (name, channel) = (self.supervisor.words_of(driver), driver.drives().unwrap_or_default());
         let text = if is_there {
-            format!("{name} has come and sends {channel}")
+            format!("{name} has connected and sends {channel}")
         } else {
-            format!("{name}, which sent {channel}, is gone; the run goes on and takes it up again")
+            format!("{name}, which sent {channel}, is gone; the run continues and reconnects")
         };
         // A predecessor was killed, perhaps.
         self.instance.clean_up_after_the_dead();

@@ -11,7 +11,7 @@ use protocol::time::Nanos;
 use recording::{Note, NoteKind};
 
 /// Told where the simulation could not go on from its past.
-const STATE_LOST: &str = "simcore begins at its scene: the state of the eye is lost";
+const STATE_LOST: &str = "simcore restarts from its scene: the state of the eye is lost";
 
 /// Goals of the task that are reached, a bit for each: a restarted surgeon has not seen it.
 #[derive(Debug, Default)]
@@ -40,7 +40,7 @@ impl Session<'_> {
             // What was sent until it had opened its channels; what comes later it receives itself.
             events.extend(self.receive()?);
             if let Err(error) = self.consumers.resume.serve() {
-                self.screen.print(&format!("the past of the simulation cannot be written: {error}"));
+                self.screen.print(&format!("the journal of the simulation cannot be written: {error}"));
             }
         }
         let lost_before = self.states_lost;

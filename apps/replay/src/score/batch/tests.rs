@@ -158,7 +158,7 @@ fn shards_are_resumed_and_gathered_and_what_is_lost_is_told() {
     assert_eq!(ends(&gather("b.csv")), code(LOSS));
     assert_eq!(std::fs::read_to_string(folder.path().join("b.csv")).unwrap(), first);
     let refused = ends(&BatchArgs { resume: false, ..shard(1) });
-    assert!(refused.contains("exists already; --force"), "{refused}");
+    assert!(refused.contains("already exists; use --force"), "{refused}");
 }
 
 #[test]
@@ -169,7 +169,7 @@ fn shards_of_another_list_are_neither_resumed_nor_gathered() {
     ends(&other);
     std::fs::write(folder.path().join("list.txt"), "0.mcap\n1.mcap\n").unwrap();
     let refused = ends(&other);
-    assert!(refused.contains("of another list (7 recordings, not 2)"), "{refused}");
+    assert!(refused.contains("to another list (7 recordings, not 2)"), "{refused}");
     ends(&BatchArgs { shard: Some([0, 2]), ..batch.clone() });
     assert!(ends(&BatchArgs { gather: batch.out.clone(), ..BatchArgs::default() }).contains("not the whole"));
     let whole = BatchArgs { out: Some(folder.path().join("new")), ..batch.clone() };
@@ -178,7 +178,7 @@ fn shards_of_another_list_are_neither_resumed_nor_gathered() {
     assert_eq!(ends(&gather), code(0));
     assert_eq!(ends(&BatchArgs { manifest: batch.manifest.clone(), ..gather.clone() }), code(0));
     std::fs::write(folder.path().join("list.txt"), "1.mcap\n0.mcap\n").unwrap();
-    assert!(ends(&BatchArgs { manifest: batch.manifest, ..gather }).contains("of another list"));
+    assert!(ends(&BatchArgs { manifest: batch.manifest, ..gather }).contains("to another list"));
 }
 
 #[test]
