@@ -134,7 +134,7 @@ impl Prepared {
     }
 }
 
-/// The process, ready to draw; `None` for one that waited to take over in vain.
+/// The process, ready to draw; `None` for a standby that was never promoted.
 fn start(config: &Config) -> Result<Option<RendererShell>> {
     let start_tier = config.start_tier.map(|t| t as usize);
     if !config.standby {
@@ -291,7 +291,7 @@ impl RendererShell {
         Ok(true)
     }
 
-    /// What is to be seen over the scene: that it is held, the user's overlay, the dose of light.
+    /// Overlays on the scene: the held mark, the user's overlay, the light dose.
     fn lay_over(&mut self, at: Nanos) {
         if let Some(mark) = self.held.new_mark(at, self.user.is_paused()) {
             self.renderer.set_held(&mark);
@@ -348,7 +348,7 @@ impl RendererShell {
         Ok(())
     }
 
-    /// Takes what the display has said of frames, and sends the records that wait for nothing any more.
+    /// Collects presentation feedback and sends the records that are complete.
     fn send_frames(&mut self, at: Nanos) -> Result<()> {
         let (unanswered, pacing) = (&mut self.unanswered, &mut self.pacing);
         self.present.take_answers(|answer| {
@@ -383,7 +383,7 @@ impl RendererShell {
         Ok(self.pose.as_ref().map(|pose| latch(pose, at(pose))).or_else(from_scene))
     }
 
-    /// What is to be told of a frame beside its own instants.
+    /// Additional data of a frame record besides its timestamps.
     fn record(&mut self, latched: &Latched, tier: usize, device_clock: bool) -> FrameRecord {
         let mut instants = latched.instants;
         let scene = self.scene.as_ref();

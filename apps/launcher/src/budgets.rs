@@ -29,7 +29,7 @@ pub struct BudgetsArgs {
     pub brief: bool,
 }
 
-/// What is read of a report.
+/// The parts of a report that are checked.
 #[derive(Debug, Deserialize)]
 struct Report {
     stages: Vec<Stage>,
@@ -61,7 +61,7 @@ struct Stage {
     below_floor: u64,
 }
 
-/// What becomes of a run.
+/// Verdict on a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Verdict {
     /// Every budget was kept.
@@ -148,7 +148,7 @@ impl Stage {
         }
     }
 
-    /// What is over its budget, and how long it may take beside the load.
+    /// Exceeded figures, and their limit under the measured load.
     fn blame(&self, load: Option<Load>) -> String {
         let beside =
             |budget| load.map_or(String::new(), |l| format!(" ({:.1} beside it)", l.allowed_ms(budget)));

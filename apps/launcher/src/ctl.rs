@@ -25,7 +25,7 @@ pub struct CtlArgs {
     pub instance: String,
 }
 
-/// What can be asked.
+/// Requests to a running simulator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum What {
     /// Stop time.

@@ -1,4 +1,4 @@
-//! `vitreo doctor`: what this machine has and lacks, and what to type to mend it.
+//! `vitreo doctor`: checks of this machine, each with a remedy.
 
 mod devices;
 mod graphics;
@@ -23,7 +23,7 @@ pub struct DoctorArgs {
     pub json: bool,
 }
 
-/// How a thing stands.
+/// Result of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum State {
@@ -35,16 +35,16 @@ pub enum State {
     Fail,
 }
 
-/// One thing that was looked at.
+/// One check.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Check {
-    /// What.
+    /// Name.
     pub name: &'static str,
-    /// How it stands.
+    /// Result.
     pub state: State,
-    /// What was found.
+    /// Finding.
     pub found: String,
-    /// What to type to mend it.
+    /// Command that fixes it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mend: Option<String>,
 }

@@ -1,5 +1,5 @@
-//! `vitreo completions` and `vitreo man`: what shells and `man` know of this command, made from the
-//! command line's own description, so that it cannot say anything else.
+//! `vitreo completions` and `vitreo man`: shell completions and manual pages, generated from the command
+//! line's own description, so that it cannot say anything else.
 
 use anyhow::Context;
 use clap::Command;
@@ -31,7 +31,7 @@ pub struct ManArgs {
     pub force: Force,
 }
 
-/// Prints what a shell completes of a command line.
+/// Prints the completions for a shell.
 ///
 /// # Errors
 /// None.

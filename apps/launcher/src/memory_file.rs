@@ -23,7 +23,7 @@ impl MemoryFile {
         Ok(file)
     }
 
-    /// Puts `text` in the place of what it holds.
+    /// Replaces the contents with `text`.
     ///
     /// # Errors
     /// Where the system grants no memory.

@@ -29,7 +29,7 @@ pub struct PlayArgs {
     /// Explore a scene without a task instead: a shipped scene or a scene file.
     #[arg(long, value_name = "NAME|FILE")]
     pub scene: Option<String>,
-    /// What the person works with.
+    /// Input device.
     #[command(flatten)]
     pub desk: DeskArgs,
     /// Print the controls of keyboard, mouse and gamepad, and exit.

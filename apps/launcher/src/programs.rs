@@ -1,4 +1,4 @@
-//! The programs behind `vitreo`, and what vitreo.toml says to this one.
+//! The programs behind `vitreo`, and the tables of vitreo.toml that belong to this one.
 
 use settings::Program;
 
@@ -19,8 +19,8 @@ pub const BRIDGE: &str = "vitreo-bridge";
 /// The binary of the calibrations.
 pub const CALIBRATION: &str = "vitreo-calibration";
 
-/// What vitreo.toml says to this program. Tables of commands that belong to other programs are read
-/// there; commands that help to mend a file do without.
+/// This program's part of vitreo.toml. Tables of commands that belong to other programs are read there;
+/// commands that help to mend a file do without.
 pub const SETTINGS: Program = Program {
     prefix: "",
     without: &["config", "completions", "man"],

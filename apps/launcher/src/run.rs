@@ -2,8 +2,8 @@
 //!
 //! - `options`, `arguments`: the command line, and what each process is given of it
 //! - `session`: the loop that receives, supervises, records and shows
-//! - `cameras`: real cameras, and waiting for them; `colours`: what is found in their pictures; `controls`: a real pedal
-//!   and real handles
+//! - `cameras`: real cameras, and waiting for them; `colours`: colour classes; `controls`: a real pedal and
+//!   real handles
 //! - `attempt_control`: requests for a pause, a restart or the next level
 //! - `supervisor`, `policy`, `standby`: starting, restarting, bounding restarts
 //! - `channel_tap`, `recorder`, `resume`: what is received, written, and kept for a restarted
@@ -206,7 +206,7 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
     })
 }
 
-/// The module, its level, and who works where it is no person.
+/// Module, level and scripted surgeon, if any.
 fn module(args: &RunArgs, name: &str, scripted: bool) -> String {
     let who = if scripted { format!(", {}", args.training.surgeon) } else { String::new() };
     format!("{name} level {}{who}", args.training.level)
@@ -260,7 +260,7 @@ fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
         code = if is_loss { LOSS } else { code };
     }
     if !report.unfinished.is_empty() {
-        // Their last lines have told why.
+        // Their last lines have given the reason.
         warn("not everything could be written");
         return FAILED;
     }

@@ -1,4 +1,4 @@
-//! Which files a command reads and writes, looked at together before anything is written.
+//! Checks all inputs and outputs of a command together before anything is written.
 
 use super::{GrowingFile, OutputError, OutputFile, STDOUT};
 use rustix::fs::{FlockOperation, flock};
@@ -230,7 +230,7 @@ fn check_takes_files(path: &Path, folder: &Path) -> Result<(), OutputError> {
     if !folder.is_dir() {
         return Err(OutputError::io(path, rustix::io::Errno::NOTDIR.into()));
     }
-    // Rights alone do not tell: some file systems take no file from anybody.
+    // Permissions are not sufficient: some file systems refuse files from every user.
     tempfile::tempfile_in(folder).map(drop).map_err(|e| OutputError::io(path, e.kind().into()))
 }
 

@@ -2,7 +2,7 @@
 
 /// Something failed.
 pub const FAILED: u8 = 1;
-/// Wrong use: an option, or a name that there is not. clap exits with it by itself.
+/// Wrong usage: an invalid option or an unknown name. clap exits with this code too.
 pub const WRONG_USE: u8 = 2;
 /// Done, but something was lost.
 pub const LOSS: u8 = 3;

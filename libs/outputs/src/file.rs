@@ -55,7 +55,7 @@ impl OutputFile {
         Ok(OutputFile { to: BufWriter::with_capacity(BUFFER, target), path: path.into() })
     }
 
-    /// Writes what is left and gives the file its name.
+    /// Writes the rest and gives the file its name.
     ///
     /// # Errors
     /// Where it cannot be written, or its name was taken meanwhile.
@@ -105,7 +105,7 @@ impl io::Seek for OutputFile {
     }
 }
 
-/// Writes a file through `write`, for writers that know nothing of names.
+/// Writes a file through `write`, for writers without a file name.
 ///
 /// # Errors
 /// Those of `write`, and of [`OutputFile::finish`].
@@ -144,7 +144,7 @@ impl GrowingFile {
         &self.path
     }
 
-    /// Lets nobody but its owner read it: what a trainee did is nobody else's business.
+    /// Makes it readable only by its owner, because trainees' attempts are private.
     ///
     /// # Errors
     /// Where the system refuses.
@@ -194,7 +194,7 @@ pub fn remove_unfinished() {
 
 impl Place {
     fn of(path: &Path, force: bool) -> Self {
-        // What a link leads to is written over, not the link.
+        // Overwrites the target of a link, not the link.
         let resolved = if force { path.canonicalize().ok() } else { None };
         Place { path: resolved.unwrap_or_else(|| path.into()), force }
     }
@@ -229,12 +229,12 @@ impl Place {
     }
 }
 
-/// The system's answer with the name of the file, for writers that know none.
+/// Adds the file name to a system error, for writers without one.
 fn named(path: &Path, problem: io::Error) -> io::Error {
     io::Error::new(problem.kind(), OutputError::io(path, problem))
 }
 
-/// What is written where it is: standard output, a pipe, a device.
+/// Output without a temporary file: standard output, a pipe, a device.
 fn direct(path: &Path) -> Result<Option<File>, OutputError> {
     let refused = |problem| OutputError::io(path, problem);
     if path == Path::new(STDOUT) {

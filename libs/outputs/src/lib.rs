@@ -1,16 +1,14 @@
-//! Everything that a command writes comes into being here, so that nothing is lost.
-//!
-//! - A file that exists is refused without `--force`; one that the command reads is refused always,
-//!   under whatever name or link.
-//! - A file appears whole under its name or not at all: it is written under a temporary name beside
-//!   it, brought to the disk and renamed ([`OutputFile`]).
-//! - What is written while something runs (a recording, a film) gets its name once the run has
-//!   begun, and grows from then on, so that a crash costs its end only ([`GrowingFile`]).
-//! - What a command needs in between lies in a folder that goes with it ([`Scratch`]).
-//! - `-` is standard output. A pipe or a device is written as it is. Folders are made where they
-//!   are missing.
-//! - [`print!`] and [`println!`] are the standard ones, but do not end the program where nobody
-//!   reads any more ([`standard_output_failure`]).
+//! All file output of commands, without loss of existing or half-written data.
+//! - An existing file is refused without `--force`; an input of the command is always refused, under any name
+//!   or link.
+//! - A file appears under its name complete or not at all: it is written under a temporary name beside it,
+//!   flushed to disk and renamed ([`OutputFile`]).
+//! - A recording or film of a run gets its name when the run has begun and grows from then on, so that a
+//!   crash loses only its end ([`GrowingFile`]).
+//! - Temporary files are in a folder that is deleted when the command ends ([`Scratch`]).
+//! - `-` is standard output. A pipe or a device is written directly. Missing folders are created.
+//! - [`print!`] and [`println!`] work like the standard ones, but a closed standard output does not end the
+//!   program ([`standard_output_failure`]).
 
 mod claim;
 pub mod exit;
@@ -100,7 +98,7 @@ impl OutputError {
     }
 }
 
-/// The system's answer in plain words where it is a frequent one.
+/// Plain words for the system's frequent errors.
 pub fn plainly(problem: &io::Error) -> String {
     match problem.kind() {
         io::ErrorKind::StorageFull => "the disk is full".into(),
@@ -112,7 +110,7 @@ pub fn plainly(problem: &io::Error) -> String {
     }
 }
 
-/// A text for a cell of a table. What a spreadsheet would take for a formula gets an apostrophe before it.
+/// Text for a table cell. An apostrophe precedes anything that a spreadsheet would interpret as a formula.
 pub fn no_formula(text: &str) -> Cow<'_, str> {
     match text.starts_with(['=', '+', '-', '@', '\t', '\r']) {
         true => Cow::Owned(format!("'{text}")),

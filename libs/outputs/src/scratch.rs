@@ -1,4 +1,4 @@
-//! A folder for what a command needs in between. It goes with the command, however that ends.
+//! A folder for temporary files, deleted when the command ends, in whatever way.
 
 use super::OutputError;
 use std::fs::{self, Permissions};

@@ -1,4 +1,4 @@
-//! What a film is written as: the ending of its name decides.
+//! Film formats, selected by the file extension.
 
 use std::path::{Path, PathBuf};
 

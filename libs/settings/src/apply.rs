@@ -71,7 +71,7 @@ fn reads_files(understood: &ArgMatches, program: &Program) -> bool {
     own && !elsewhere && !away(understood) && !chain(understood).iter().any(|(_, m)| away(m))
 }
 
-/// The chosen sub-commands with what was understood of each, outermost first.
+/// The chosen sub-commands with their parsed arguments, outermost first.
 fn chain(matches: &ArgMatches) -> Vec<(&str, &ArgMatches)> {
     let mut all = Vec::new();
     let mut at = matches;
@@ -106,7 +106,7 @@ fn take_truths(command: Command, flags: &BTreeSet<String>) -> Command {
     command.mut_subcommands(|below| take_truths(below, flags))
 }
 
-/// One command of the line: its own table in the files, and what was typed to it.
+/// One command of the line: its table in the files and its typed arguments.
 struct Level<'c> {
     command: &'c Command,
     understood: &'c ArgMatches,
@@ -125,7 +125,7 @@ fn levels<'c>(built: &'c Command, program: &Program, understood: &'c ArgMatches)
         depth,
     };
     let chain = chain(understood);
-    // Options of all commands may be typed anywhere; the innermost command knows of all.
+    // Global options may be typed anywhere; the innermost command has all of them.
     let deepest = chain.last().map_or(understood, |(_, m)| *m);
     let mut levels = vec![level(built, deepest, &[], 0)];
     if !prefix.is_empty() {
@@ -154,7 +154,7 @@ fn standing<'e>(
 ) -> Vec<Setting<'e>> {
     let mut settings: Vec<Setting<'e>> = Vec::new();
     let innermost = chain(understood).len();
-    // The innermost table wins where an option of all commands stands in several.
+    // For global options in several tables the innermost table takes precedence.
     for level in levels(built, program, understood).iter().rev() {
         let own: Vec<&Entry> = entries.iter().filter(|e| e.table == level.table).collect();
         for entry in own.iter().filter(|entry| is_on(entry) && !loses(entry, level, files, &own)) {
@@ -172,7 +172,7 @@ fn standing<'e>(
     settings
 }
 
-/// Whether a setting gives way to what was typed, to a later file or to the variable of logging.
+/// Whether the command line, a later file or the logging variable overrides a setting.
 fn loses(entry: &Entry, level: &Level<'_>, files: &Files, own: &[&Entry]) -> bool {
     let exclude = |other: &str| exclude_each_other(level.command, other, &entry.key);
     let typed = typed_options(level.command, level.understood);
@@ -182,7 +182,7 @@ fn loses(entry: &Entry, level: &Level<'_>, files: &Files, own: &[&Entry]) -> boo
         || (logs && LOGGING.contains(&entry.key.as_str()))
 }
 
-/// Long names of what was typed.
+/// Long names of the typed options.
 fn typed_options(command: &Command, understood: &ArgMatches) -> Vec<String> {
     let typed = command.get_arguments().filter(|arg| {
         let source = understood.try_contains_id(arg.get_id().as_str()).ok();
@@ -191,8 +191,8 @@ fn typed_options(command: &Command, understood: &ArgMatches) -> Vec<String> {
     typed.map(|arg| arg.get_long().map_or_else(|| arg.get_id().to_string(), str::to_owned)).collect()
 }
 
-/// Behind which word of the line each command's own words begin: the program's, its sub-command's, …
-/// down to `deepest`. What follows, perhaps thousands of files, is not looked at.
+/// Behind which word of the line each command's own words begin: the program's, its sub-command's, … down to
+/// `deepest`. The rest, perhaps thousands of files, is not examined.
 fn places(command: &Command, typed: &[OsString], deepest: usize) -> Vec<usize> {
     let mut places = vec![1];
     for end in 2..=typed.len() {

@@ -22,7 +22,7 @@ pub enum BlobSource {
 }
 
 impl BlobSource {
-    /// What `--blobs` says.
+    /// Value of `--blobs`.
     ///
     /// # Errors
     /// A port that is none.
@@ -50,7 +50,7 @@ impl BlobSource {
     }
 }
 
-/// The addresses that `HOST:PORT` stands for.
+/// Addresses of `HOST:PORT`.
 ///
 /// # Errors
 /// Where there is none.

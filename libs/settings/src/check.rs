@@ -68,7 +68,7 @@ fn table_of<'c>(
             _ => return Ok(None),
         }
     }
-    // Whose tables these are, that program knows.
+    // The program that owns these tables checks them.
     let tables = program.elsewhere.unwrap_or_default();
     if path.first().is_some_and(|first| tables.contains(&first.as_str())) {
         return Ok(None);
@@ -122,7 +122,7 @@ fn check_entry(command: &Command, entry: &Entry) -> Result<(), Problem> {
         | ErrorKind::NoEquals
         | ErrorKind::UnknownArgument
         | ErrorKind::InvalidUtf8 => Err(entry.problem(expected(arg, &error, &entry.value))),
-        // What is missing besides, the command line may give.
+        // The command line may still provide missing values.
         _ => Ok(()),
     }
 }
@@ -147,7 +147,7 @@ fn unknown_key(command: &Command, entry: &Entry) -> Problem {
     entry.problem(format!("expected an option that {name}, found {}{nearest}", entry.key))
 }
 
-/// What an option expected, in words, and what was found.
+/// Expected and actual value of an option, in words.
 fn expected(arg: &Arg, error: &clap::Error, value: &Value) -> String {
     let possible: Vec<String> = arg
         .get_possible_values()
@@ -184,7 +184,7 @@ fn expected(arg: &Arg, error: &clap::Error, value: &Value) -> String {
 /// A setting as the words of a command line; none where it turns something off.
 ///
 /// # Errors
-/// What was expected, where the value has another form than the option.
+/// Expected form, if the value's type does not fit the option.
 pub fn words(arg: &Arg, value: &Value) -> Result<Vec<String>, String> {
     let name = arg.get_long().unwrap_or_default();
     let with = |text: &str| format!("--{name}={text}");
@@ -208,7 +208,7 @@ pub fn words(arg: &Arg, value: &Value) -> Result<Vec<String>, String> {
     }
 }
 
-/// The known name that is nearest to what was written, if one is near.
+/// Known name nearest to the given one, if one is near.
 fn nearest<'a>(written: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let ranked = known.map(|name| (distance(written, name), name));
     let (distance, name) = ranked.min_by_key(|(d, name)| (*d, name.len().abs_diff(written.len())))?;

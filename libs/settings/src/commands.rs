@@ -1,5 +1,5 @@
-//! Command lines that several programs read: `vitreo` checks, describes and completes them, the program
-//! that does the work takes them again.
+//! Command lines shared by several programs: `vitreo` checks, documents and completes them, and the program
+//! that does the work parses them again.
 
 pub mod arrangement;
 pub mod bridge;
@@ -53,7 +53,7 @@ pub use trace::TraceArgs;
 pub use what_if::{Assignment, Range, SettingsListArgs, SweepArgs, WhatIfArgs};
 pub use writing::{PACKINGS, Split, WritingArgs};
 
-/// Commands on recordings: `vitreo` declares them, `vitreo-replay` carries them out.
+/// Commands on recordings: `vitreo` declares them, `vitreo-replay` runs them.
 #[derive(Debug, clap::Subcommand)]
 pub enum RecordingCommand {
     /// Track and simulate a recording again.

@@ -1,4 +1,4 @@
-//! What can be set, and where each value comes from.
+//! All options that can be set, and the source of each value.
 
 use crate::Program;
 use crate::apply::settable;
@@ -6,7 +6,7 @@ use crate::toml_file::quoted;
 use clap::{Arg, ArgAction, Command};
 use serde::{Deserialize, Serialize};
 
-/// The only word of a command line that asks a program for its [`options`], as JSON.
+/// Sole argument that makes a program print its [`options`] as JSON.
 pub const ASK: &str = "--describe-settings";
 
 /// An option that a file can set.
@@ -14,11 +14,11 @@ pub const ASK: &str = "--describe-settings";
 pub struct SettableOption {
     /// The table, for instance `results.delete`; empty at the top of the file.
     pub table: String,
-    /// What the table's command does.
+    /// Summary of the table's command.
     pub about: String,
     /// The key.
     pub key: String,
-    /// What the option does.
+    /// Help text of the option.
     pub help: String,
     /// The built-in value as TOML writes it, if there is one.
     pub default: Option<String>,

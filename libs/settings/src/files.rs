@@ -1,4 +1,4 @@
-//! Where files of settings lie, and what they say together.
+//! Paths of the settings files and their combined contents.
 
 use crate::Problem;
 use crate::toml_file::{Entry, read};
@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 /// Name of a file of settings.
 pub const NAME: &str = "vitreo.toml";
-/// Number of the user who may do everything anyway.
+/// User id of root.
 const ROOT: u32 = 0;
 /// The folder of the one for all users of a machine.
 const SYSTEM: &str = "/etc/vitreo";

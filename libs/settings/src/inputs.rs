@@ -17,8 +17,8 @@ pub struct InputError {
     problem: String,
 }
 
-/// Refuses a file that cannot be read. A pipe is left alone, and standard input (`-`): what is read of it is
-/// gone.
+/// Refuses a file that cannot be read. A pipe and standard input (`-`) are not opened: data read from them
+/// would be gone.
 ///
 /// # Errors
 /// Where it is absent, a folder, or not for this user.

@@ -22,7 +22,7 @@ use clap::{ArgMatches, FromArgMatches, Parser};
 use std::ffi::OsString;
 use std::io::Write;
 
-/// What vitreo.toml says to one program.
+/// One program's part of vitreo.toml.
 #[derive(Debug, Clone, Copy)]
 pub struct Program {
     /// The table in which this program's sub-commands lie; empty where they are tables themselves.
@@ -59,10 +59,10 @@ pub const LOGGING: [&str; 3] = ["log", "verbose", "quiet"];
 /// The variable of [`LOGGING`].
 pub const LOG_VARIABLE: &str = "RUST_LOG";
 
-/// Set for a program that takes over from another of this build, which has told what it passed over.
+/// Set for a program that replaces another of this build, which has already reported ignored files.
 pub const TOLD: &str = "VITREO_SETTINGS_TOLD";
 
-/// What is wrong with a file of settings.
+/// Error in a settings file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{file}: {}{text}", line.map(|l| format!("line {l}: ")).unwrap_or_default())]
 pub struct Problem {
@@ -70,7 +70,7 @@ pub struct Problem {
     pub file: String,
     /// The line, from 1 on; `None` where it is about the whole file.
     pub line: Option<usize>,
-    /// Table, key, and what was expected.
+    /// Table, key and expected value.
     pub text: String,
 }
 

@@ -1,4 +1,4 @@
-//! A file of settings as a list of what it says, each with its line.
+//! A settings file as a list of entries with line numbers.
 
 use crate::Problem;
 use std::collections::BTreeMap;
@@ -12,7 +12,7 @@ pub struct Entry {
     pub table: Vec<String>,
     /// The key: an option's long name.
     pub key: String,
-    /// What it is set to.
+    /// Its value.
     pub value: Value,
     /// The file.
     pub file: String,
@@ -22,7 +22,7 @@ pub struct Entry {
     pub line: usize,
 }
 
-/// What a key is set to. Numbers are the text of which an option's own parser makes its value.
+/// Value of a key. Numbers stay text, which the option's own parser reads.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Value {
     /// true or false.
@@ -69,7 +69,7 @@ pub fn quoted(text: &str) -> String {
     if whole || broken { text.to_owned() } else { toml::Value::from(text).to_string() }
 }
 
-/// Reads a file's text. `rank` says which file it is.
+/// Reads a file's text. `rank` identifies the file.
 ///
 /// # Errors
 /// Where it is no TOML, or has values that no option can take.
@@ -98,7 +98,7 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// Adds what a table says. Its depth is bounded by the parser.
+    /// Adds a table's entries. The parser bounds its depth.
     fn table(&self, table: &DeTable<'_>, above: &[String], to: &mut Vec<Entry>) -> Result<(), Problem> {
         for (key, value) in table {
             let name = key.get_ref().to_string();
@@ -148,7 +148,7 @@ fn integer(number: &DeInteger<'_>) -> Result<String, String> {
     value.map(|v| v.to_string()).map_err(|_| format!("expected a smaller number, found {number}"))
 }
 
-/// What the files say together: of each table and key the last.
+/// Combined entries of the files: for each table and key the last one.
 pub fn winners(entries: Vec<Entry>) -> Vec<Entry> {
     let mut last = BTreeMap::new();
     for entry in entries {

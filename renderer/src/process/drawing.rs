@@ -31,7 +31,7 @@ impl RendererShell {
         }
     }
 
-    /// Submits the commands for what was latched at an instant, and waits for the device.
+    /// Submits the commands for the latched pose and waits for the device.
     pub(super) fn draw(
         &mut self,
         tier: usize,
@@ -54,7 +54,7 @@ impl RendererShell {
         Ok(Drawn { done, drawn, transfer_ns, stamped: stamped.is_some() })
     }
 
-    /// Notes what the device did for a frame between these instants.
+    /// Records the device's timeline of a frame.
     fn note_passes(&mut self, about: About, times: &PassTimes, frame: [Nanos; 2]) {
         let passes = [Phase::GpuShadow, Phase::GpuPicture, Phase::GpuFocus];
         for (phase, from_to) in passes.into_iter().zip(times.on_processor_clock(frame)) {

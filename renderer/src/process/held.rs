@@ -10,7 +10,7 @@ pub struct Held {
     came_ns: Option<Nanos>,
     /// Nothing more will come.
     ended: bool,
-    /// Tenths of a second that the picture says.
+    /// Tenths of a second shown in the picture.
     shown: u64,
 }
 
@@ -20,7 +20,7 @@ impl Held {
         (self.came_ns, self.ended) = (Some(at), false);
     }
 
-    /// The stream has ended: its last picture stands.
+    /// The stream has ended; its last picture stays.
     pub fn end(&mut self) {
         self.ended = true;
     }
@@ -31,7 +31,7 @@ impl Held {
         (age > HELD_NS && !self.ended).then_some(age)
     }
 
-    /// True if the picture says that it is held.
+    /// True if the picture is marked as held.
     pub fn is_shown(&self) -> bool {
         self.shown > 0
     }

@@ -77,7 +77,7 @@ impl RendererShell {
         Ok(())
     }
 
-    /// Sends what is left of records, saves the last picture and closes the files.
+    /// Sends the remaining records, saves the last picture and closes the files.
     pub(super) fn finish(mut self) -> Result<()> {
         self.send_frames(Nanos::MAX)?;
         if let (true, Some(tier)) = (self.keeps_last, self.shown_tier) {

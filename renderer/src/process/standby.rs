@@ -12,7 +12,7 @@ use std::sync::mpsc::{Receiver, channel};
 /// would leave it unfinished for long where the machine is loaded, and there it is needed.
 const PREPARING: i32 = 10;
 
-/// What it writes on standard output when it is ready; the launcher waits for that.
+/// Line on standard output when it is ready; the launcher waits for it.
 const READY: &str = "ready";
 
 /// Makes room for others where it can be taken back; the niceness to return to.
@@ -71,7 +71,7 @@ impl Order {
     /// Waits for it: the tier to begin with, if it names one. `None` where there is nothing to wait
     /// for any more.
     pub(super) fn wait(self) -> Option<Option<usize>> {
-        // Who cannot read it does without.
+        // A reader that is gone does not matter.
         let _ = writeln!(io::stdout(), "{READY}");
         let order = self.given().or_else(|| self.listener.recv().ok())?;
         // Threads that were made since.

@@ -1,18 +1,18 @@
-//! Records of frames that wait for the display's word on when they were shown. Pure: instants are arguments.
+//! Frame records that wait for their presentation time from the display. Pure: times are arguments.
 
 use crate::present::feedback::Answer;
 use protocol::frames::{DISPLAY_ESTIMATED, DISPLAY_REPORTED, FrameRecord};
 use protocol::time::Nanos;
 use std::collections::VecDeque;
 
-/// How long an answer is waited for, ns. A hidden window has none; nor has a display that stands still.
+/// Timeout of the presentation feedback, ns. Hidden windows and suspended displays give none.
 const AT_MOST_NS: u64 = 250_000_000;
 /// Frames in a row without an answer, where none has come yet, after which none is expected any more.
 const SILENT_FRAMES: u32 = 30;
 
 struct Waiting {
     record: FrameRecord,
-    /// What the display said; the inner `None`: the picture was never shown.
+    /// The display's feedback; the inner `None`: the picture was never shown.
     answer: Option<Option<Nanos>>,
     until: Nanos,
 }

@@ -18,14 +18,14 @@ pub struct Overlay {
     pub hides_scene_text: bool,
 }
 
-/// What the window's keys are for.
+/// Purpose of the window's keys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Keys {
     /// The course of a run.
     Run,
     /// The instruments too: a person works at this window.
     Desk,
-    /// A replay, which is stopped by them, so that nothing says that it is paused or held.
+    /// They control a replay, whose picture is therefore never marked as paused or held.
     Replay,
 }
 
@@ -62,7 +62,7 @@ impl User {
         self.dose
     }
 
-    /// True while the session is paused, and always in a replay: what is shown is of its own instant.
+    /// True while the session is paused, and always in a replay, whose pictures have their own time.
     pub fn is_paused(&self) -> bool {
         self.paused || self.keys == Keys::Replay
     }
@@ -73,7 +73,7 @@ impl User {
         self.paused = paused;
     }
 
-    /// Shows or hides the help, as the launcher says.
+    /// Shows or hides the help on the launcher's command.
     pub fn show_help(&mut self, shown: bool) {
         self.changed |= shown != self.help;
         self.help = shown;

@@ -18,7 +18,7 @@ const LOG_BYTES: usize = 1 << 20;
 /// Takes the lines of children's standard error, for the one part that draws on the terminal.
 pub type LineSender = mpsc::Sender<String>;
 
-/// The output of a child so far.
+/// Output of a child up to now.
 #[derive(Debug, Default)]
 pub(super) struct Output {
     kept: Mutex<Kept>,

@@ -1,4 +1,4 @@
-//! The rig that the settings name: its file, and whether what it needs is there and may be used by this user.
+//! Checks of the configured rig: its file, and the presence of and access to its devices.
 
 use super::Check;
 use super::devices::remedy;
@@ -18,7 +18,7 @@ use std::path::Path;
 /// Where a rig's settings are written.
 const WHERE: &str = "set it in [run] of /etc/vitreo/vitreo.toml (docs/install.md)";
 
-/// What a rig that starts by itself runs with, as `packaging/systemd/vitreo-rig.service` starts it.
+/// Environment of a rig's service, as `packaging/systemd/vitreo-rig.service` starts it.
 pub(super) fn checks() -> Vec<Check> {
     match run_of_settings(&Files::of_this_machine()) {
         Ok(run) => checks_of(&run, has_display()),

@@ -10,16 +10,16 @@ use protocol::handles::PedalState;
 use protocol::inputs::{Input, InputEvent};
 use protocol::optics::PedalButton;
 
-/// What is asked of the launcher.
+/// Requests to the launcher.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ControlRequest {
-    /// Everything stands still.
+    /// Stop time.
     Pause,
-    /// It goes on.
+    /// Continue.
     Resume,
     /// Whichever of both changes something.
     PauseOrResume,
-    /// Help was opened or closed: everything stands still meanwhile.
+    /// Help was opened or closed; time stops while it is open.
     Help,
     /// The attempt from its beginning.
     Restart,
@@ -32,7 +32,7 @@ pub enum ControlRequest {
 /// A request that waits to be served.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PendingRequest {
-    /// What is asked.
+    /// The request.
     pub request: ControlRequest,
     /// Number of the message to answer, where it came on channel `control`.
     pub seq: Option<u64>,

@@ -135,7 +135,7 @@ impl ChannelTap {
     /// Where a channel fails.
     pub fn drain(&mut self, now: Nanos, mut take: impl FnMut(Nanos, Item)) -> Result<(), IpcError> {
         self.sources().chunks(MAX_SOURCES).for_each(|sources| wait(sources, 0));
-        // What was made first, so that its inputs are surely among what is drained before it.
+        // Results first, so that their inputs are already queued when their channels are drained.
         let of_tracker = self.tracker_checkpoints.receive()?;
         let of_tracker =
             of_tracker.map(|s| Item::TrackerCheckpoint(*s.header(), payload_of(&s, s.header().bytes)));

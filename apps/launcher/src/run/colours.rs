@@ -1,4 +1,4 @@
-//! Which colours the camera hardware finds in a run: what `--colours` names is looked at before anything starts.
+//! Colour classes of a run: checks the file of `--colours` before anything starts.
 
 use super::options::RunArgs;
 use crate::exit::WrongUse;
@@ -10,7 +10,7 @@ use settings::inputs::check_file;
 use std::path::Path;
 use std::process::Stdio;
 
-/// Refuses a file of colours that is wrong, or that nobody would read.
+/// Refuses an invalid colour file, and one that no process would use.
 ///
 /// # Errors
 /// Where it is so.
@@ -24,7 +24,7 @@ pub fn check(args: &RunArgs) -> anyhow::Result<()> {
     judged(file).context("--colours")
 }
 
-/// Has the file read by the program that will take it: this one knows no colours.
+/// Lets the program that uses the file read it: this one has no colour parser.
 fn judged(file: &Path) -> anyhow::Result<()> {
     let mut reading = command(CAMERA)?;
     reading.args(["colours", "show", "--json", "--"]).arg(file).stdin(Stdio::null()).stdout(Stdio::null());
@@ -35,7 +35,7 @@ fn judged(file: &Path) -> anyhow::Result<()> {
     bail!("{}", outputs::printable(&in_short(&String::from_utf8_lossy(&read.stderr))))
 }
 
-/// What a program says of a file, without its own name and without the lines of the file that it shows in between.
+/// A program's error about a file, without the program's name and the quoted lines of the file.
 fn in_short(told: &str) -> String {
     let told = told.trim();
     let told = told.strip_prefix(CAMERA).and_then(|rest| rest.strip_prefix(": ")).unwrap_or(told);

@@ -22,7 +22,7 @@ pub fn left(args: &RunArgs) -> Option<ControlChannels> {
     (handles || pedal).then_some(ControlChannels { handles, pedal })
 }
 
-/// Refuses devices that are absent, and handles of which the rig says nothing.
+/// Refuses missing devices, and handles without a calibration in the rig.
 ///
 /// # Errors
 /// Where it is so.
@@ -58,7 +58,7 @@ pub fn check(args: &RunArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Refuses what is no device, no pipe and no file. None is opened: who writes into a pipe may come later.
+/// Accepts only devices, pipes and files. It opens none, because the writer of a pipe may start later.
 fn check_device(option: &str, path: &Path) -> anyhow::Result<()> {
     check_file(option, path)?;
     let kind = path.metadata()?.file_type();

@@ -8,9 +8,9 @@ use diagnosis::Finding;
 use protocol::health::{Health, Process, STATE_DEGRADED, STATE_FINISHED};
 use protocol::time::Nanos;
 
-/// A driver without a heartbeat for so long is gone, ns: ten of them.
+/// A driver without a heartbeat for this long is gone, ns: ten heartbeats.
 const GONE_NS: u64 = 1_000_000_000;
-/// A driver that sends nothing for so long is silent, ns.
+/// A driver that sends nothing for this long is silent, ns.
 const SILENT_NS: u64 = 1_000_000_000;
 
 /// Refuses what excludes itself.
@@ -47,7 +47,7 @@ pub fn check(args: &RunArgs) -> anyhow::Result<()> {
     }
 }
 
-/// What is known of whether a driver is there.
+/// Presence of a driver.
 #[derive(Debug, Default)]
 pub struct Presence {
     /// Its process; 0 where none is there.
@@ -89,7 +89,7 @@ impl Presence {
         self.pid == 0 || now.saturating_sub(self.sent_ns) > SILENT_NS
     }
 
-    /// What is wrong with it, in words.
+    /// Its problem in words.
     pub fn trouble(&self, driver: Process, health: Option<&Health>, now: Nanos) -> Option<Finding> {
         let channel = driver.drives().unwrap_or_default();
         let finding = |what: String, cause: &str, remedy: &str| {
@@ -122,13 +122,13 @@ impl Presence {
 }
 
 impl Supervisor {
-    /// What is wrong with programs of other makers.
+    /// Problems of external drivers.
     pub fn trouble_of_drivers(&self, now: Nanos) -> Vec<Finding> {
         let trouble = |s: &Slot| s.presence.as_ref()?.trouble(s.process, s.health.as_ref(), now);
         self.slots.iter().filter_map(trouble).collect()
     }
 
-    /// What the bridge to another tracker says of what is wrong with it.
+    /// Problem reported by the bridge to another tracker.
     pub fn trouble_of_other_tracker(&self) -> Option<Finding> {
         self.args.real.poses.as_ref()?;
         let bridge = self.slots.iter().find(|s| s.process == Process::PosesDriver)?;
@@ -137,7 +137,7 @@ impl Supervisor {
             what: health.text(),
             cause: "its server, the network, or the address in --poses; missing poses are lost".into(),
             remedy: "check it; the run continues and reconnects by itself".into(),
-            // Another trouble is told anew.
+            // A different problem is reported again.
             subject: format!("other tracker: {}", health.text()),
         })
     }
@@ -148,14 +148,14 @@ impl Supervisor {
         presence.is_some_and(|presence| presence.is_silent(now))
     }
 
-    /// What a driver calls itself.
+    /// Name that a driver gives itself.
     pub fn words_of(&self, driver: Process) -> String {
         let slot = self.slots.iter().find(|s| s.process == driver);
         slot.and_then(|s| s.health).map(|h| h.text()).unwrap_or_default()
     }
 }
 
-/// What is said while nothing comes from outside yet.
+/// Message while no external driver has connected.
 pub fn waiting_for(instance: &str, channels: &[&str]) -> String {
     let channels = channels.join(", ");
     format!(

@@ -8,7 +8,7 @@ use protocol::health::{Health, Process};
 use protocol::time::Nanos;
 use std::path::{Path, PathBuf};
 
-/// How much of a run a trace holds where nothing is said, s.
+/// Default length of a trace, s.
 const SECONDS: u32 = 30;
 
 /// Whether a run is traced.
@@ -75,7 +75,7 @@ impl Traced {
     }
 }
 
-/// Writes the file, and says what it holds and what it lacks.
+/// Writes the file and logs its contents and gaps.
 ///
 /// # Errors
 /// Where it cannot be written.

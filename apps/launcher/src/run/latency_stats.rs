@@ -75,7 +75,7 @@ impl Durations {
         all
     }
 
-    /// How many are at most so long, ns, to the histogram's three digits.
+    /// Number of samples up to this length, ns, to the histogram's three digits.
     pub fn up_to(&self, ns: u64) -> u64 {
         self.histogram.count_between(0, ns)
     }
@@ -186,7 +186,7 @@ impl LatencyStats {
 
     /// Takes a displayed frame.
     pub fn note_frame(&mut self, frame: &FrameRecord) {
-        // A picture that is held says so: its age is no latency of the data path.
+        // A held picture is marked; its age is not a latency of the data path.
         let held = frame.flags & PICTURE_HELD != 0;
         if self.is_warm(frame.instants.exposed) && !held {
             self.note_all(&frame_latencies(frame), frame.field);
@@ -217,7 +217,7 @@ impl LatencyStats {
     }
 }
 
-/// What a stage's figures say about its budget.
+/// Verdict on a stage's budget.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {

@@ -17,7 +17,7 @@ use tokio::time::timeout;
 
 /// The last part of a recording, which is judged, s.
 const LAST_S: &str = "60";
-/// Longest search after a run that ended by itself, and after one that a signal ended.
+/// Longest search after a normal end of a run, and after an end by a signal.
 const WITHIN: [Duration; 2] = [Duration::from_millis(10_000), Duration::from_millis(1_500)];
 /// Besides, for starting and reading.
 const MARGIN: Duration = Duration::from_millis(400);
@@ -27,7 +27,7 @@ const NOISE_PX: f64 = 0.4;
 
 /// What became of the search.
 enum Found {
-    /// What is to be said; none where the rig holds.
+    /// Message; none if the rig is consistent.
     Said(Option<String>),
     /// There was no time for it.
     LeftOff,
@@ -53,7 +53,7 @@ pub async fn print(report: &Report, has_cameras: bool, stop: &StopSignal) {
     }
 }
 
-/// Without a recording nobody can say more than that there is something to be found.
+/// Without a recording, only the presence of a problem can be reported.
 fn print_how_to_find(report: &Report) {
     let large = report.tracking.bodies.iter().filter(|(_, body)| body.summary.residual_rms_px > NOISE_PX);
     let Some((name, body)) =

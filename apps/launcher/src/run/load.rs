@@ -32,7 +32,7 @@ impl Ticks {
     }
 }
 
-/// What the machine's processors did beside a run, in percent of all of them.
+/// Load of the machine's processors by others during a run, in percent of all processors.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Load {
     /// Processors of the machine.
@@ -74,7 +74,7 @@ impl Load {
     }
 }
 
-/// What a stage of a run is judged by.
+/// Limits for a stage of a run.
 #[derive(Debug, Clone, Copy)]
 pub struct Judged {
     /// Its times beside their budgets (0: none), ms: at the judged percentile, and the mean.

@@ -25,7 +25,7 @@ fn place(item: &Item) -> Option<(usize, Nanos)> {
 /// Counts and newest instants of one channel.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Traffic {
-    /// Items so far.
+    /// Items up to now.
     pub count: u64,
     /// Instant of the newest, ns; 0 before the first.
     pub newest_ns: Nanos,
@@ -34,7 +34,7 @@ pub struct Traffic {
     counted_before: u64,
 }
 
-/// Figures of the traffic so far.
+/// Traffic figures up to now.
 #[derive(Debug, Default)]
 pub struct Monitor {
     /// By [`CHANNELS`].
@@ -50,7 +50,7 @@ pub struct Monitor {
     /// What vitrectors have taken by the newest step; `None` before the first.
     pub removed: Option<Removed>,
     frames_by_tier: BTreeMap<u32, u64>,
-    /// Frames of which the display server said when it showed them.
+    /// Frames with a presentation time from the display server.
     reported: u64,
     tiers: Vec<TierChoice>,
     first_frame_ns: Nanos,

@@ -24,11 +24,11 @@ use tokio::time::timeout;
 
 /// Items that wait for the disk at most: about fifteen seconds of a run.
 const QUEUE: usize = 8192;
-/// Longest time until the writer looks whether a chunk is due.
+/// Longest time between checks for a due chunk.
 const CHUNK_CHECK: Duration = Duration::from_millis(40);
 /// Time between two attempts while the disk refuses.
 const RETRY: Duration = Duration::from_millis(100);
-/// From here on a write that has not returned is told.
+/// A write that takes longer is reported.
 const STALL: Duration = Duration::from_secs(1);
 /// What is queued gets this long to be written when a run ends; with what else ends, a run is over
 /// within 5 s of being asked to.
@@ -48,7 +48,7 @@ trait Store: Send + 'static {
     fn parts(&self) -> u32 {
         1
     }
-    /// What is to be known of the files, once.
+    /// Facts about the files to report once.
     fn take_warning(&mut self) -> Option<String> {
         None
     }
@@ -127,20 +127,20 @@ pub struct Recorder {
     progress: Arc<Progress>,
 }
 
-/// Counts what is missing, until a note about it could be placed.
+/// Counts missing items until a note about them is recorded.
 #[derive(Debug, Default)]
 struct Gap {
     open: u64,
     total: u64,
 }
 
-/// What the thread is doing, for those who do not wait for it.
+/// Current operation of the thread, readable without waiting for it.
 #[derive(Default)]
 struct Progress(Mutex<State>);
 
 #[derive(Default)]
 struct State {
-    /// What it is doing with the file, since when.
+    /// Operation on the file and its start.
     busy: Option<(&'static str, Instant)>,
     /// Why nothing can be written now; since when.
     trouble: Option<(String, Instant)>,
@@ -196,7 +196,7 @@ impl Recorder {
         Self::with(files, writer, QUEUE)
     }
 
-    /// Gives the file its name: what it records has begun.
+    /// Gives the file its final name once the recorded run has begun.
     ///
     /// # Errors
     /// Where the name was taken meanwhile.
@@ -242,7 +242,7 @@ impl Recorder {
         }
     }
 
-    /// Items that will not reach the file, so far.
+    /// Items lost for the file up to now.
     pub fn lost(&self) -> u64 {
         self.gap.total
     }
@@ -318,7 +318,7 @@ impl<S: Store> Thread<S> {
                 }
                 continue;
             }
-            // An error is told as long as it lasts, and tried again.
+            // An error is reported while it lasts; the write is retried.
             let _ = match self.items.recv_timeout(CHUNK_CHECK) {
                 Ok((at, item)) => self.take(at, &item),
                 Err(RecvTimeoutError::Timeout) => self.attempt("writing", |store| store.keep_up(now())),
@@ -339,7 +339,7 @@ impl<S: Store> Thread<S> {
         done
     }
 
-    /// Does something with the file, and tells so before and after.
+    /// Runs an operation on the file and publishes its start and end.
     fn attempt(
         &mut self,
         what: &'static str,

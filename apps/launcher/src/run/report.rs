@@ -30,15 +30,15 @@ pub struct Report {
     pub ended_by: String,
     /// Time from the first field to the end, s.
     pub duration_s: f64,
-    /// What was run.
+    /// Setup of the run.
     pub setup: Setup,
-    /// What it ran on.
+    /// Machine.
     pub machine: Machine,
     /// Versions of the program.
     pub versions: Versions,
     /// Latency of every stage beside its budget.
     pub stages: Vec<StageFigures>,
-    /// What else the processors did meanwhile, where the system tells.
+    /// Load of the processors by other programs, if the system reports it.
     pub load: Option<Load>,
     /// Latencies left out because a start or restart was less than a second ago.
     pub warm_up_left_out: u64,
@@ -53,11 +53,11 @@ pub struct Report {
     /// The body that was tracked in the least share of frames, and that share.
     #[serde(skip)]
     pub least_tracked: (&'static str, f64),
-    /// What was wrong for longer than a moment, with its likely cause and what helps.
+    /// Persistent problems, with likely cause and remedy.
     pub warnings: Vec<Warning>,
     /// Processes that ran and put out nothing for half a second or more.
     pub silences: Vec<Warning>,
-    /// What came of a live stream of blobs.
+    /// Figures of a live blob stream.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub blob_stream: Option<LiveFigures>,
     /// Each process.
@@ -77,13 +77,13 @@ pub struct Report {
     pub overwritten: u64,
     /// Frames that are missing though their fields came.
     pub frames_withheld: u64,
-    /// How often the simulation died and could not go on from its past.
+    /// Number of times the simulation died and could not resume.
     pub states_lost: u64,
     /// Messages by channel.
     pub received: BTreeMap<&'static str, u64>,
     /// Events by kind.
     pub events: BTreeMap<&'static str, u64>,
-    /// What vitrectors took of the tissue, and what is left of the vitreous.
+    /// Tissue removed by vitrectors, and the remaining vitreous.
     pub removed: Option<Removed>,
     /// The recording, where there was one.
     pub recording: Option<RecordingFigures>,
@@ -93,7 +93,7 @@ pub struct Report {
     pub controls: Vec<ControlFigures>,
 }
 
-/// What was run.
+/// Setup of a run.
 #[derive(Debug, Clone, Serialize)]
 #[allow(missing_docs)]
 pub struct Setup {
@@ -144,7 +144,7 @@ pub struct Picture {
     pub height_px: u32,
     /// What the frames' instant `displayed` is, by which the whole system is judged.
     pub displayed: &'static str,
-    /// Frames of which it is the display server's word.
+    /// Frames with a presentation time from the display server.
     pub reported: u64,
     /// In the renderer's own words: adapter, tier.
     pub renderer: String,

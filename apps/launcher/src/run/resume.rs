@@ -1,6 +1,6 @@
-//! What a restarted simulation needs to go on where its predecessor stood: a checkpoint and every
-//! input since, in a bounded queue. Pure but for the journals it writes. Which of them the checkpoint's
-//! state has consumed is the simulation's to know.
+//! State that a restarted simulation resumes from: a checkpoint and every input since, in a bounded queue.
+//! Pure but for the journals it writes. Which of them the checkpoint's state has consumed is the simulation's
+//! to know.
 //!
 //! A simulation that dies while it is resuming is resumed again from the same past. If that past
 //! may be what kills it, the checkpoint before the newest is tried, which leads to the same state
@@ -14,8 +14,8 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Checkpoints kept: two from which a simulation may go on, and the one before them, since which
-/// everything has come that the older of the two has not consumed.
+/// Checkpoints kept: two that a simulation can resume from, and the one before them, since which everything
+/// has come that the older of the two has not consumed.
 const CHECKPOINTS: usize = 3;
 /// Items kept. A checkpoint comes every 2 s at least, in which some 500 of them arrive.
 const ROOM: usize = 16_384;
@@ -40,10 +40,10 @@ pub struct Resume {
     journals: u32,
 }
 
-/// From where a restarted simulation goes on.
+/// Point that a restarted simulation resumes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Origin {
-    /// Where its predecessor stood.
+    /// Position of its predecessor.
     Past,
     /// The scene: there is no past yet.
     Beginning,
@@ -68,7 +68,7 @@ impl Resume {
         self.items.push_back(item.clone());
     }
 
-    /// Drops what came before the newest `kept` checkpoints, where there are so many.
+    /// Drops everything before the newest `kept` checkpoints, if there are that many.
     fn forget_before(&mut self, kept: usize) {
         if let Some(oldest) = self.checkpoint(kept - 1) {
             self.items.drain(..oldest);
@@ -82,7 +82,7 @@ impl Resume {
         places.rev().nth(back).map(|(at, _)| at)
     }
 
-    /// True if the simulation can go on from the newest checkpoint but `back`. Without one it can be
+    /// True if the simulation can resume from the checkpoint `back` before the newest. Without one it can be
     /// computed again from the start only if no input is missing.
     fn is_usable(&self, back: usize) -> bool {
         self.checkpoint(back).is_some() || (!self.gap && !self.items.is_empty())
@@ -119,9 +119,8 @@ impl Resume {
         }
     }
 
-    /// Arguments with which a restarted simulation goes on where its predecessor stood. Its journal
-    /// is written once it has opened its channels ([`Resume::serve`]), so that no input falls in
-    /// between.
+    /// Arguments with which a restarted simulation resumes at its predecessor's position. Its journal is
+    /// written once it has opened its channels ([`Resume::serve`]), so that no input falls in between.
     pub fn arguments(&mut self, instance: &Instance, was_at_work: bool) -> (Vec<String>, Origin) {
         if let Some(unread) = self.waiting.take() {
             let _ = fs::remove_file(unread);

@@ -1,4 +1,4 @@
-//! One screen of status while a run goes on; one line every ten seconds where there is no terminal.
+//! Status screen of a run; without a terminal, one line every ten seconds.
 
 use super::external::Presence;
 use super::latency_stats::LatencyStats;
@@ -40,7 +40,7 @@ pub struct Status<'a> {
     pub recorder: String,
     /// The newest thing that happened to a process; empty if nothing did.
     pub incident: &'a str,
-    /// What is wrong and lasts.
+    /// Persistent problems.
     pub watch: &'a Watch,
     /// The process that sends nothing, if there is one.
     pub silence: Option<&'a Finding>,
@@ -194,7 +194,7 @@ impl Screen {
         let lines = status.lines();
         let text = frame(&lines, self.drawn_lines);
         self.drawn_lines = lines.len();
-        // A terminal that has gone away shows nothing; the run goes on.
+        // Without its terminal the run continues.
         let _ = std::io::stderr().write_all(text.as_bytes());
     }
 

@@ -44,16 +44,16 @@ use training::score::recording::LiveScore;
 
 /// After the end of the stream the last fields get this long to reach the picture.
 const LINGER: Duration = Duration::from_millis(300);
-/// A duration is kept by the cameras; this much later the launcher ends the run by itself, ns.
+/// The cameras end a run after its duration; the launcher ends it itself this much later, ns.
 const OVERTIME_NS: u64 = 3_000_000_000;
 /// Period of the messages while the processes start.
 const START_MESSAGE_PERIOD: Duration = Duration::from_secs(5);
 /// Lines of the processes that wait to be shown at most.
 const LINES_QUEUE: usize = 1024;
 
-/// A run that is going on.
+/// A run in progress.
 pub struct Session<'a> {
-    /// With level and recording of the attempt that is going on.
+    /// With level and recording of the current attempt.
     args: RunArgs,
     view: View,
     budgets: &'a Budgets,
@@ -65,7 +65,7 @@ pub struct Session<'a> {
     notices: Sender<Notice>,
     /// The answers to the newest command.
     command: CommandProgress,
-    /// Since when everything stands still.
+    /// Start of the pause.
     paused_ns: Option<Nanos>,
     help: attempts::HelpState,
     /// The attempts that are over.
@@ -77,16 +77,16 @@ pub struct Session<'a> {
     consumers: Consumers,
     supervisor: Supervisor,
     screen: Screen,
-    /// What the processes write to standard error.
+    /// Standard error of the processes.
     lines: mpsc::Receiver<String>,
     incidents: Vec<Incident>,
-    /// How often the simulation could not go on from its past.
+    /// Number of times the simulation could not resume.
     states_lost: u64,
     /// When the cameras were ready; 0 before.
     started_ns: Nanos,
     /// When the attempt began, moved by every pause; 0 before.
     attempt_ns: Nanos,
-    /// When the run was last looked at for what should not stay silent.
+    /// Time of the last check for warnings.
     watched_ns: Nanos,
     own_cpu: CpuAccount,
     load: LoadAccount,
@@ -106,7 +106,7 @@ struct CommandProgress {
     problems: Vec<String>,
 }
 
-/// What is left of an attempt.
+/// Results of an attempt.
 #[derive(Debug, Clone)]
 pub struct Attempt {
     /// Its level.
@@ -321,7 +321,7 @@ impl<'a> Session<'a> {
         Ok(events)
     }
 
-    /// Takes in what has come on every channel.
+    /// Drains every channel.
     fn receive(&mut self) -> anyhow::Result<Vec<ProcessEvent>> {
         let at = now();
         let (consumers, control) = (&mut self.consumers, &mut self.control);
@@ -386,7 +386,7 @@ impl<'a> Session<'a> {
         if self.started_ns == 0 { 0.0 } else { at.saturating_sub(self.started_ns) as f64 * 1e-9 }
     }
 
-    /// What is left of the duration, ns; negative in overtime; `None` where there is no end.
+    /// Remaining duration, ns; negative in overtime; `None` without an end.
     fn remaining_ns(&self) -> Option<i64> {
         let duration_ns = (self.args.duration? * 1e9) as i64;
         let until = self.paused_ns.unwrap_or_else(now);

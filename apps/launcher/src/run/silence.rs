@@ -1,4 +1,4 @@
-//! Processes that take in and put out nothing: a run must not go on as if they worked. Pure.
+//! Detects processes that receive input but send nothing, so that a run does not continue unnoticed. Pure.
 
 use super::monitor::CHANNELS;
 use diagnosis::{Finding, Warning};
@@ -14,23 +14,23 @@ const LONGEST_STEP_NS: u64 = 100_000_000;
 /// Silences kept for the report.
 const KEPT: usize = 100;
 
-/// What is said of a process.
+/// Cause and remedy for a process.
 const OF_PROCESS: [&str; 2] =
     ["its messages on standard error give the reason", "end the run and report this with its recording"];
-/// What is said of a live stream.
+/// Cause and remedy for a live stream.
 const OF_STREAM: [&str; 2] = [
     "its writer is missing or writes nothing valid: see virtual-rig's messages on standard error",
     "check the writer; the run continues and reads its lines again",
 ];
-/// What is said of a program of another maker.
+/// Cause and remedy for an external driver.
 const OF_DRIVER: [&str; 2] =
     ["its driver is missing or has nothing to send", "check the driver; the run continues and reconnects"];
-/// What a live stream is called.
+/// Name of a live stream.
 const STREAM: &str = "the blob stream";
-/// With what the names of drivers end.
+/// Suffix of drivers' names.
 const DRIVER: &str = "-driver";
 
-/// What a process puts out, in the order of the data path.
+/// Outputs of the processes, in the order of the data path.
 #[derive(Debug)]
 struct Output {
     /// The process, or both that make blobs.
@@ -39,16 +39,16 @@ struct Output {
     channel: usize,
     /// What its absence means.
     effect: &'static str,
-    /// Why nothing comes, after the count of what came before, and what helps.
+    /// Cause of the silence and its remedy, after the count of earlier messages.
     advice: [&'static str; 2],
-    /// Messages so far, by the newest call.
+    /// Message count at the latest call.
     count: u64,
     silent_ns: u64,
     /// Index of the warning of a silence that lasts.
     warning: Option<usize>,
 }
 
-/// Watches that every process of a run puts out what it takes in.
+/// Checks that every process of a run produces output for its input.
 #[derive(Debug)]
 pub struct SilenceWatch {
     outputs: Vec<Output>,
@@ -90,7 +90,7 @@ impl SilenceWatch {
         SilenceWatch { outputs: source.into_iter().chain(path).collect(), warnings: Vec::new(), at_ns: 0 }
     }
 
-    /// Begins anew: a pause, a start or a restart is no silence.
+    /// Resets the timers: a pause, a start or a restart is not a silence.
     pub fn excuse(&mut self, at_ns: Nanos, at_s: f64) {
         self.at_ns = at_ns;
         for output in &mut self.outputs {

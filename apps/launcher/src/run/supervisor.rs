@@ -34,7 +34,7 @@ const PREPARE_NS: u64 = 15_000_000_000;
 /// A change in the state of a process.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ProcessEvent {
-    /// A process has opened its channels, and goes on preparing for work.
+    /// A process has opened its channels and is still preparing.
     Joined(Process),
     /// A process is ready for work, at first or again.
     Ready(Process),
@@ -85,7 +85,7 @@ pub struct Supervisor {
     last_check_ns: Nanos,
     stream_ended: bool,
     standby: Standby,
-    /// Takes what the children write to standard error.
+    /// Collects the children's standard error.
     lines: LineSender,
     /// Notified when a child has ended.
     child_ended: Arc<Notify>,
@@ -190,7 +190,7 @@ impl Supervisor {
         self.ours().all(|s| s.ready && s.child.is_some())
     }
 
-    /// True once every started process is at work, and so is what is to be prepared beside them.
+    /// True once every started process is working and the standby is ready.
     pub fn all_prepared(&self, now: Nanos) -> bool {
         let renderer = self.slots.iter().find(|s| s.process == Process::Renderer);
         let waited = renderer.map_or(0, |s| now.saturating_sub(s.ready_at));
@@ -218,7 +218,7 @@ impl Supervisor {
         };
         let slot = self.slots.iter_mut().find(is_it)?;
         if let Some(presence) = &mut slot.presence {
-            // A successor that came within a moment comes anew.
+            // A successor that started within a moment starts again.
             slot.ready &= !presence.note(beat, now);
         }
         slot.health = Some(*beat);
@@ -241,7 +241,7 @@ impl Supervisor {
         first.then_some(ProcessEvent::Ready(process))
     }
 
-    /// What cameras whose pictures come through pipes say of what is wrong with them.
+    /// Problems reported by cameras that read pipes.
     pub fn trouble_of_streams(&self) -> Option<Finding> {
         self.args.real.streams()?;
         let source = self.slots.iter().find(|s| s.process == self.args.source());
@@ -254,7 +254,7 @@ impl Supervisor {
         })
     }
 
-    /// What a real pedal and real handles say of what is wrong with them.
+    /// Problems reported by a real pedal and real handles.
     pub fn trouble_of_controls(&self) -> Option<Finding> {
         let controls = self.slots.iter().find(|s| s.process == Process::Controls)?;
         let health = controls.health.filter(|h| h.state == STATE_DEGRADED)?;
@@ -426,7 +426,7 @@ impl Slot {
     }
 }
 
-/// What the renderer's messages about adapters and drivers say, and no other of its messages.
+/// Words that only the renderer's messages about adapters and drivers contain.
 const GRAPHICS: [&str; 2] = ["graphics driver", "graphics device"];
 
 /// Why a process did not start, and what helps.

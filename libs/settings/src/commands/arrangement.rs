@@ -1,4 +1,4 @@
-//! How the two channels share one picture or one display, on a command line.
+//! Stereo layout: how the two channels share a picture or a display.
 
 use clap::ValueEnum;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
@@ -45,7 +45,7 @@ impl Arrangement {
     }
 }
 
-/// As the command line has it.
+/// The command-line form.
 impl fmt::Display for Arrangement {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let value = self.to_possible_value();

@@ -1,10 +1,10 @@
-//! The command line of `vitreo bridge`, and what a run takes of another tracker.
+//! The command line of `vitreo bridge`, and the source of `vitreo run --poses`.
 
 use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// Where a port without an address listens: programs of this machine alone can connect.
+/// Default address of a port: only programs on this machine can connect.
 const HERE: &str = "127.0.0.1";
 
 /// An address on which to listen: `PORT` or `HOST:PORT`.
@@ -16,16 +16,16 @@ pub struct Listen {
     pub port: u16,
 }
 
-/// Where another tracker serves: `igtl:HOST:PORT`.
+/// Address of another tracker's server: `igtl:HOST:PORT`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Server(String);
 
-/// Another tracker in the place of cameras and of our tracker: `igtl:HOST:PORT[,MAP.toml]`.
+/// Another tracker that replaces cameras and our tracker: `igtl:HOST:PORT[,MAP.toml]`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OtherTracker {
-    /// Where it serves.
+    /// Its server.
     pub server: Server,
-    /// Which of its transforms is which body; the names that `--igtl` sends where there is none.
+    /// Map from its transforms to bodies; default: the names that `--igtl` sends.
     pub map: Option<PathBuf>,
 }
 
@@ -55,7 +55,7 @@ pub struct BridgeArgs {
     pub instance: String,
 }
 
-/// Bridges to other programs: `vitreo` declares them, `vitreo-bridge` carries them out.
+/// Bridges to other programs: `vitreo` declares them, `vitreo-bridge` runs them.
 #[derive(Debug, clap::Subcommand)]
 pub enum BridgeCommand {
     /// Exchange poses between a running simulator and other programs.

@@ -1,22 +1,22 @@
-//! Where a run's pictures come from: what `--cameras` says.
+//! Sources of a run's pictures: `--cameras`.
 
 use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// The word for the cameras that vitreo invents.
+/// Name of the virtual cameras.
 const VIRTUAL: &str = "virtual";
 /// Forms of a source, for messages.
 const FORMS: &str = "y4m:PATH, mcap:FILE, v4l2:/dev/videoN or genicam:NAME";
 /// Longest exposure that can be asked for, µs.
 const MAX_EXPOSURE_US: u32 = 1_000_000;
 
-/// What `--cameras` asks for.
+/// Value of `--cameras`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Cameras {
     /// The virtual rig, as without the option.
     Virtual,
-    /// A program of the rig's maker.
+    /// The user's own program.
     Program(PathBuf),
     /// Streams of pictures, one for each camera of the rig in its order.
     Streams(Streams),
@@ -26,7 +26,7 @@ pub enum Cameras {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Streams(pub Vec<Stream>);
 
-/// What brings the pictures of a camera.
+/// Kind of a camera's source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StreamKind {
     /// YUV4MPEG2 through a pipe or from a file.
@@ -43,7 +43,7 @@ impl StreamKind {
     /// Every kind.
     const ALL: [StreamKind; 4] = [StreamKind::Y4m, StreamKind::Mcap, StreamKind::V4l2, StreamKind::Genicam];
 
-    /// What its form begins with.
+    /// Prefix of the source.
     fn prefix(self) -> &'static str {
         match self {
             StreamKind::Y4m => "y4m:",
@@ -53,18 +53,18 @@ impl StreamKind {
         }
     }
 
-    /// Its pictures come from a camera, which can be set, and not from a pipe or a file.
+    /// Whether it is a camera with settings, not a pipe or a file.
     pub fn is_camera(self) -> bool {
         matches!(self, StreamKind::V4l2 | StreamKind::Genicam)
     }
 
-    /// What its source names is a path of this machine.
+    /// Whether the source names a local path.
     pub fn has_path(self) -> bool {
         self != StreamKind::Genicam
     }
 }
 
-/// What makes a camera begin an exposure.
+/// Trigger of an exposure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Trigger {
     /// Its own clock.
@@ -74,7 +74,7 @@ pub enum Trigger {
 }
 
 impl Trigger {
-    /// As in a source.
+    /// Name in a source.
     pub fn name(self) -> &'static str {
         match self {
             Trigger::Internal => "internal",
@@ -83,7 +83,7 @@ impl Trigger {
     }
 }
 
-/// What a camera is to be set to; what is not given stays as it is.
+/// Requested camera settings; missing ones stay unchanged.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Wanted {
     /// Exposure, µs.
@@ -97,13 +97,13 @@ pub struct Wanted {
 /// One source of pictures.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Stream {
-    /// What it is.
+    /// Its kind.
     pub kind: StreamKind,
-    /// A pipe, a file or a device; of a GenICam camera its name or address.
+    /// Pipe, file or device; for a GenICam camera its name or address.
     pub path: PathBuf,
-    /// Parity of the field with number 0, where it is given.
+    /// Parity of field 0, if given.
     pub parity: Option<u32>,
-    /// What the camera is to be set to.
+    /// Requested settings.
     pub wanted: Wanted,
 }
 
@@ -129,7 +129,7 @@ impl FromStr for Cameras {
 }
 
 impl Streams {
-    /// A source for each of so many cameras: one recording has all of them.
+    /// One source per camera; a recording serves all of them.
     pub fn spread(&self, cameras: usize) -> Vec<Stream> {
         match &self.0[..] {
             [one] if one.kind == StreamKind::Mcap => vec![one.clone(); cameras],
@@ -167,7 +167,7 @@ impl FromStr for Stream {
 }
 
 impl Stream {
-    /// Takes an option; the error says what was expected.
+    /// Parses an option; the error states the expected form.
     fn take(&mut self, option: &str) -> Result<(), String> {
         let (key, value) = option.split_once('=').unwrap_or((option, ""));
         let again = match key {

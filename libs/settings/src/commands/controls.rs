@@ -1,24 +1,24 @@
-//! Where handles and pedal come from: what `--pedal` and `--handles` say.
+//! Sources of handles and pedal: `--pedal` and `--handles`.
 
 use super::processes::Arguments;
 use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// What a pedal begins with that the kernel has understood.
+/// Prefix of a pedal read through kernel events.
 const EVDEV: &str = "evdev:";
-/// What a pedal begins with whose reports are taken as they come.
+/// Prefix of a pedal read through raw reports.
 const HIDRAW: &str = "hidraw:";
-/// What handles begin with.
+/// Prefix of handles.
 const SERIAL: &str = "serial:";
 /// The option of a serial line.
 const BAUD: &str = "?baud=";
-/// Bits a second where nothing is said.
+/// Default baud rate.
 pub const DEFAULT_BAUD: u32 = 115_200;
-/// Slowest and fastest line that is opened.
+/// Lowest and highest baud rate.
 const BAUDS: [u32; 2] = [1_200, 4_000_000];
 
-/// By which interface of the kernel a pedal is read.
+/// Kernel interface of a pedal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PedalInterface {
@@ -31,25 +31,25 @@ pub enum PedalInterface {
 /// A foot pedal.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PedalSpec {
-    /// How it is read.
+    /// Kernel interface.
     pub interface: PedalInterface,
-    /// The device; a pipe or a recorded file will do.
+    /// Device, pipe or recorded file.
     pub path: PathBuf,
-    /// What its axes and buttons mean: a shipped mapping's name, or a file that ends in .toml.
+    /// Mapping of axes and buttons: a shipped mapping's name, or a .toml file.
     pub mapping: Option<String>,
 }
 
-/// The line on which the handles of both instruments send.
+/// Serial line of the handles of both instruments.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct HandlesSpec {
-    /// The device; a pipe will do.
+    /// Device or pipe.
     pub path: PathBuf,
     /// Bits a second.
     pub baud: u32,
 }
 
 impl PedalInterface {
-    /// As it is written before a path.
+    /// Prefix before a path.
     pub fn prefix(self) -> &'static str {
         match self {
             PedalInterface::Evdev => EVDEV,
@@ -129,12 +129,12 @@ pub struct ControlsArgs {
 }
 
 impl ControlsArgs {
-    /// Whether anything comes from a device.
+    /// Whether a device is used.
     pub fn any(&self) -> bool {
         self.pedal.is_some() || self.handles.is_some()
     }
 
-    /// Adds the options as the process takes them.
+    /// Adds the options for the process.
     pub fn hand_on(&self, to: &mut Arguments) {
         to.value("--pedal", self.pedal.as_ref());
         to.value("--handles", self.handles.as_ref());

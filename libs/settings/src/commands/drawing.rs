@@ -1,10 +1,10 @@
-//! How pictures are drawn that nobody waits for, on a command line.
+//! Options for pictures that are not drawn in real time.
 
 use super::FundusArgs;
 use super::arrangement::{Arrangement, of_films};
 use std::path::PathBuf;
 
-/// Stills, and how they and films are drawn.
+/// Stills, and the quality of stills and films.
 #[derive(Debug, Clone, clap::Args)]
 pub struct DrawingArgs {
     /// Save stills in this folder, named by their time in s. Without a film, only the stills are drawn.

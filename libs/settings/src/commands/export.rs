@@ -25,7 +25,7 @@ pub struct ExportArgs {
     /// The recording.
     #[arg(value_name = "FILE.mcap")]
     pub file: PathBuf,
-    /// What is written.
+    /// Data to export.
     #[command(flatten)]
     pub what: What,
     /// File for --csv [default: standard output].
@@ -39,7 +39,7 @@ pub struct ExportArgs {
     pub force: Force,
 }
 
-/// What is written; one of it at least.
+/// Data to export; at least one.
 #[derive(Debug, clap::Args)]
 #[group(required = true, multiple = true)]
 pub struct What {

@@ -1,16 +1,16 @@
-//! What a run takes from programs of other makers: what `--external` says.
+//! Channels from external drivers: `--external`.
 
 use protocol::handles::ControlChannels;
 use protocol::health::Process;
 use std::fmt::{self, Display, Formatter};
 use std::str::FromStr;
 
-/// Channels that programs of other makers send on, in the order of the data path.
+/// Channels fed by external drivers, in the order of the data path.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct External(Vec<Process>);
 
 impl External {
-    /// The drivers that are expected, one for each channel.
+    /// Expected drivers, one per channel.
     pub fn drivers(&self) -> &[Process] {
         &self.0
     }
@@ -25,13 +25,13 @@ impl External {
         self.0.contains(&driver)
     }
 
-    /// The driver that stands in the place of the cameras, and of what comes behind them.
+    /// Driver that replaces the cameras and possibly the stages after them.
     pub fn source(&self) -> Option<Process> {
         let sources = [Process::BlobsDriver, Process::FieldsDriver, Process::PosesDriver];
         self.0.iter().copied().find(|driver| sources.contains(driver))
     }
 
-    /// The channels that cameras of ours leave alone; `None` where they send all of theirs.
+    /// Channels that our cameras do not write; `None` if they write all of theirs.
     pub fn controls(&self) -> Option<ControlChannels> {
         let (handles, pedal) = (self.has(Process::HandlesDriver), self.has(Process::PedalDriver));
         (handles || pedal).then_some(ControlChannels { handles, pedal })

@@ -1,8 +1,8 @@
-//! The fundus photograph on a command line.
+//! Options of the fundus photograph.
 
 use std::path::PathBuf;
 
-/// The photograph that is asked for.
+/// The chosen photograph.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct FundusArgs {
     /// Fundus photograph for the retina instead of the shipped one: a square JPEG or PNG, filled by its round
@@ -36,7 +36,7 @@ pub enum FundusEye {
 }
 
 impl FundusArgs {
-    /// The options as a program of this build takes them.
+    /// The options as arguments of another program of this build.
     pub fn arguments(&self) -> Vec<String> {
         let eye = self.fundus_eye.map(|eye| if eye == FundusEye::Left { "left" } else { "right" });
         let named = [

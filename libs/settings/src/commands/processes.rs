@@ -1,19 +1,19 @@
-//! Options that a process of the simulator takes and `vitreo run` hands on to it: declared once, read by
-//! both, and written as they are read ([`Arguments`]).
+//! Options of the simulator's processes that `vitreo run` forwards: declared once, parsed by both, and
+//! written in the parsed form ([`Arguments`]).
 
 use super::arrangement::Arrangement;
 use super::fundus::FundusArgs;
 use crate::blob_source::blob_source;
 use std::path::PathBuf;
 
-/// What a desk listens to where nothing is said: the window, and a gamepad where there is one.
+/// Default input of a desk: the window, and a gamepad if there is one.
 pub const AUTO: &str = "auto";
-/// The window alone: mouse and keyboard.
+/// Only the window: mouse and keyboard.
 pub const MOUSE: &str = "mouse";
-/// A gamepad, which must be there, and the keyboard.
+/// A gamepad, which must be present, and the keyboard.
 pub const GAMEPAD: &str = "gamepad";
 
-/// Arguments that are handed on.
+/// Forwarded arguments.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Arguments(pub Vec<String>);
 
@@ -38,7 +38,7 @@ impl Arguments {
     }
 }
 
-/// What can stand in a field that is an option.
+/// Types of option fields.
 trait OptionValue {
     fn put(&self, name: &str, to: &mut Arguments);
 }
@@ -61,7 +61,7 @@ impl OptionValue for Option<PathBuf> {
     }
 }
 
-/// Those that are written as they are read.
+/// Types whose `Display` is their command-line form.
 macro_rules! as_displayed {
     ($($value:ty),*) => {
         $(impl OptionValue for Option<$value> {
@@ -95,7 +95,7 @@ pub struct RigArgs {
 }
 handed_on!(RigArgs: rig);
 
-/// What the camera hardware finds in pictures.
+/// Colour classes of the blob extraction.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct ExtractionArgs {
     /// Colour classes, from vitreo commission or vitreo colours learn [default: the shipped colours].
@@ -104,7 +104,7 @@ pub struct ExtractionArgs {
 }
 handed_on!(ExtractionArgs: colours);
 
-/// What is in the eye.
+/// Contents of the eye.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct SceneArgs {
     /// Contents of the eye: a shipped scene or a scene file [default: peel].
@@ -114,13 +114,13 @@ pub struct SceneArgs {
 handed_on!(SceneArgs: scene);
 
 impl SceneArgs {
-    /// Its name or file; `default` where none is given.
+    /// Its name or file, or `default`.
     pub fn name<'a>(&'a self, default: &'a str) -> &'a str {
         self.scene.as_deref().unwrap_or(default)
     }
 }
 
-/// What the virtual cameras see.
+/// Input and faults of the virtual cameras.
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Virtual cameras")]
 pub struct VirtualRigArgs {
@@ -161,7 +161,7 @@ pub struct CollisionArgs {
 }
 handed_on!(CollisionArgs: collision);
 
-/// What a person at a desk works with.
+/// Inputs of a desk.
 #[derive(Debug, Clone, Default, PartialEq, Eq, clap::Args)]
 pub struct DeskArgs {
     /// Input device: auto (the window, and a gamepad if there is one), mouse or gamepad [default: auto].
@@ -173,7 +173,7 @@ pub struct DeskArgs {
 }
 handed_on!(DeskArgs: input, inputs);
 
-/// How the picture is drawn, and where it goes.
+/// Layout and outputs of the picture.
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Picture")]
 pub struct PictureArgs {

@@ -66,7 +66,7 @@ pub struct ReplayArgs {
     /// Show the recorded poses instead of tracking the recorded blobs again.
     #[arg(long, conflicts_with = "verify")]
     pub as_recorded: bool,
-    /// What is changed.
+    /// Changes of a what-if.
     #[command(flatten)]
     pub what_if: WhatIfArgs,
     /// How the recording of a what-if is written.
@@ -78,7 +78,7 @@ pub struct ReplayArgs {
         "poses", "blobs", "endless", "assert_tracking", "assert_no_warnings", "from", "until", "window", "interactive", "headless", "video",
         "stills", "as_recorded"])]
     pub with: Option<PathBuf>,
-    /// Who looks for collisions.
+    /// Back end of collision detection.
     #[command(flatten)]
     pub collision: CollisionArgs,
     /// Exit with code 6 if a body was tracked in a smaller fraction of the frames, 0 to 1.
@@ -104,12 +104,12 @@ impl ReplayArgs {
         self.video.is_some() || self.drawing.stills.is_some()
     }
 
-    /// Whether somebody watches it, who can stop and move it.
+    /// Whether the user watches and controls it.
     pub fn is_watched(&self) -> bool {
         self.window || self.interactive
     }
 
-    /// As fast as it can be computed: nobody watches it.
+    /// Whether it runs as fast as possible.
     pub fn is_unpaced(&self) -> bool {
         self.lockstep || self.headless || self.draws()
     }

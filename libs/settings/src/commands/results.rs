@@ -10,10 +10,10 @@ pub const TERMINAL: &str = "terminal";
 #[derive(Debug, clap::Args)]
 #[command(args_conflicts_with_subcommands = true)]
 pub struct ResultsArgs {
-    /// What else than showing them.
+    /// Sub-command; without one, the results are shown.
     #[command(subcommand)]
     pub what: Option<ResultsCommand>,
-    /// Where the store lies.
+    /// Path of the store.
     #[command(flatten)]
     pub place: StoreArgs,
     /// Show only this trainee.
@@ -39,7 +39,7 @@ pub struct ResultsArgs {
     pub force: Force,
 }
 
-/// Where the results store lies.
+/// Path of the results store.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct StoreArgs {
     /// Results store [default: vitreo/results.sqlite in $XDG_DATA_HOME or ~/.local/share].
@@ -52,7 +52,7 @@ pub struct StoreArgs {
 pub enum ResultsCommand {
     /// Add recorded attempts.
     Add {
-        /// Where the store lies.
+        /// Path of the store.
         #[command(flatten)]
         place: StoreArgs,
         /// Pseudonym of the trainee.
@@ -63,7 +63,7 @@ pub enum ResultsCommand {
     },
     /// Delete one attempt, or a trainee with all attempts.
     Delete {
-        /// Where the store lies.
+        /// Path of the store.
         #[command(flatten)]
         place: StoreArgs,
         /// Pseudonym of the trainee.
@@ -77,7 +77,7 @@ pub enum ResultsCommand {
     },
     /// List the trainees.
     Trainees {
-        /// Where the store lies.
+        /// Path of the store.
         #[command(flatten)]
         place: StoreArgs,
     },

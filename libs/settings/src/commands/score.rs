@@ -10,7 +10,7 @@ pub struct ScoreArgs {
     /// s3://BUCKET/PREFIX/.
     #[arg(value_name = "FILE.mcap|DIR", required_unless_present_any = ["doc", "manifest", "gather"])]
     pub files: Vec<PathBuf>,
-    /// What only batches have.
+    /// Options of batches.
     #[command(flatten)]
     pub batch: BatchArgs,
     /// Simulate the recorded poses and handles again and score the result.

@@ -1,4 +1,4 @@
-//! The part of a recording that is asked for, and whether it exists.
+//! The selected part of a recording, and the check that it exists.
 
 use super::numbers::not_negative;
 use outputs::exit::WrongUse;
@@ -16,10 +16,10 @@ pub struct SpanArgs {
 }
 
 impl SpanArgs {
-    /// Refuses a part that a recording does not have, whose length is asked for where it matters.
+    /// Refuses a part outside the recording; `length_s` is only called if needed.
     ///
     /// # Errors
-    /// [`WrongUse`] where the end is not behind the beginning, or the beginning not in the recording.
+    /// [`WrongUse`] if the end is not after the beginning, or the beginning is not in the recording.
     pub fn check(&self, file: &Path, length_s: impl FnOnce() -> f64) -> Result<(), WrongUse> {
         let SpanArgs { from, until } = *self;
         if let Some(until) = until.filter(|until| *until <= from) {

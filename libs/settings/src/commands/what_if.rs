@@ -1,4 +1,4 @@
-//! What a what-if changes of a recording, and the command lines of `vitreo sweep` and `vitreo settings`.
+//! Changes of a what-if, and the command lines of `vitreo sweep` and `vitreo settings`.
 
 use super::diff::plot_file;
 use outputs::Force;
@@ -13,7 +13,7 @@ pub struct Assignment {
     pub value: f64,
 }
 
-/// What a what-if changes.
+/// Changes of a what-if.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct WhatIfArgs {
     /// Track with this rig instead of the recorded one.
@@ -43,7 +43,7 @@ pub struct SettingsListArgs {
     pub json: bool,
 }
 
-/// A key and the values that it takes one after the other.
+/// A key and its successive values.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Range {
     /// As `tracker.gate` or `scene.membrane.stiffness_un_per_mm`.

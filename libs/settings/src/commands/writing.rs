@@ -1,9 +1,9 @@
-//! How a recording is written: packed in which way, in one file or in parts.
+//! Compression and split of recordings.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// How a recording is written. Every command that writes one takes these.
+/// Options of every command that writes a recording.
 #[derive(Debug, Clone, Default, PartialEq, clap::Args)]
 pub struct WritingArgs {
     /// Compression: zstd (small), lz4 (larger, faster to read) or none.
@@ -15,10 +15,10 @@ pub struct WritingArgs {
     pub split: Option<Split>,
 }
 
-/// Ways to pack a recording, the usual one first.
+/// Compressions, the default first.
 pub const PACKINGS: [&str; 3] = ["zstd", "lz4", "none"];
 
-/// How long or large parts become.
+/// Length or size of the parts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Split {
     /// s.
@@ -30,7 +30,7 @@ pub enum Split {
 /// Units of lengths, in s, and of sizes, in bytes.
 const LENGTHS: [(&str, f64); 3] = [("h", 3600.0), ("m", 60.0), ("s", 1.0)];
 const SIZES: [(&str, f64); 3] = [("GB", 1e9), ("MB", 1e6), ("kB", 1e3)];
-/// Shortest and smallest part: shorter ones would hold little but their beginnings.
+/// Minimum part: shorter ones would hold little but their headers.
 const SHORTEST_S: f64 = 1.0;
 const SMALLEST_BYTES: f64 = 1e5;
 

@@ -9,9 +9,9 @@ use settings::commands::{Split, WritingArgs};
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-/// Where a recording goes. Nobody but its owner reads it: what a trainee did is nobody else's business.
+/// Destination of a recording. Only its owner may read it, because trainees' attempts are private.
 pub struct RecordingFiles {
-    /// What was asked for: the file, or what the parts are named after.
+    /// Requested name: the file, or the stem of the parts.
     name: PathBuf,
     /// The file, or the first part.
     first: GrowingFile,
@@ -50,7 +50,7 @@ impl RecordingFiles {
         Ok(RecordingFiles { name: name.into(), first, packing, limit, force: outputs.is_forced() })
     }
 
-    /// What was asked for.
+    /// Requested name.
     pub fn name(&self) -> &Path {
         &self.name
     }
@@ -104,7 +104,7 @@ fn limit_of(split: Split) -> Limit {
     }
 }
 
-/// Makes the further parts while a run goes on.
+/// Creates further parts during a run.
 struct Further {
     /// The first part, which has its name once the run has begun.
     first: PathBuf,
@@ -134,7 +134,7 @@ impl PartFiles for Further {
     }
 
     fn appear(&mut self, path: &Path) -> Result<(), RecordingError> {
-        // Its lock lasts as long as the writer has it open.
+        // The lock lasts while the writer has the file open.
         let named = self.file.take().map_or(Ok(()), |mut file| file.appear());
         named.map_err(|problem| Self::refused(path, problem))
     }

@@ -8,7 +8,7 @@ use std::fmt::Write;
 /// One line of the paper's Table 4 beside today's median, ms.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PaperLine {
-    /// What is timed.
+    /// The timed part.
     pub task: &'static str,
     /// The paper's figure, ms; `None` where it has none: such a line takes no part in the sum.
     pub paper_ms: Option<f64>,
@@ -16,12 +16,12 @@ pub struct PaperLine {
     pub today_ms: Option<f64>,
     /// Steps or frames that the median is of; 0 for the sum.
     pub count: u64,
-    /// What the figure means, or what it lacks.
+    /// Meaning of the figure, or what it lacks.
     pub note: String,
 }
 
-/// The table. "Overall" is the sum of the lines above it, as in the paper, and names those that
-/// were not measured. What the paper did not have stands below it.
+/// The table. "Overall" is the sum of the lines above it, as in the paper, and names those that were not
+/// measured. Rows without a counterpart in the paper follow below.
 pub fn paper_table_4(latencies: &LatencyStats) -> Vec<PaperLine> {
     let line = |task, paper_ms, d: &Durations, note: &str| PaperLine {
         task,

@@ -19,8 +19,8 @@ use protocol::time::Nanos;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// How long processes may take to obey a command before the launcher goes on without their answer.
-/// A new scene's tissue takes a second on a slow machine.
+/// How long processes may take to answer a command before the launcher continues without them. A new scene's
+/// tissue takes a second on a slow machine.
 const OBEY: Duration = Duration::from_secs(15);
 
 /// The help on the picture, as its keys opened and closed it. It is known here alone: the renderer shows
@@ -68,7 +68,7 @@ impl Session<'_> {
         while let Some(PendingRequest { request, seq }) = self.control.take() {
             let done = match (request, self.paused_ns) {
                 (ControlRequest::Help, _) => self.help().await,
-                // Who pauses while help is open wants it to last.
+                // A pause requested while help is open lasts beyond it.
                 (ControlRequest::Pause | ControlRequest::PauseOrResume, Some(_)) if self.help.pauses => {
                     self.help.pauses = false;
                     Ok(())
@@ -99,7 +99,7 @@ impl Session<'_> {
 
     async fn pause(&mut self) -> anyhow::Result<()> {
         self.paused_ns = Some(now());
-        // What is drawn while nothing moves is as old as the pause is long.
+        // Pictures drawn during a pause are as old as the pause.
         self.consumers.latencies.cool();
         self.command_all(Command::Pause, 0).await
     }
@@ -113,7 +113,7 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Help was opened, and everything stands still; or closed, and what it stopped goes on.
+    /// Help was opened, which stops time, or closed, which resumes it.
     async fn help(&mut self) -> anyhow::Result<()> {
         self.help.open = !self.help.open;
         self.tell_help();
@@ -187,7 +187,7 @@ impl Session<'_> {
         Ok(Some(recorder))
     }
 
-    /// Ends the recording of the attempt and keeps what is known of it.
+    /// Ends the recording of the attempt and stores its results.
     pub(super) async fn end_attempt(&mut self) -> Option<RecordingFigures> {
         let recording = match self.consumers.recorder.take() {
             Some(recorder) => Some(recorder.finish().await),
@@ -214,7 +214,7 @@ impl Session<'_> {
         while !self.command.waiting.is_empty() && Instant::now() < deadline && !self.stop.is_raised() {
             self.turn().await?;
         }
-        // What was sent before the last answer.
+        // Messages sent before the last answer.
         self.receive()?;
         if let Some(problem) = self.command.problems.first() {
             bail!("{command:?}: {problem}");

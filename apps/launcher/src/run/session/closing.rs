@@ -25,7 +25,7 @@ use recording::Provenance;
 use settings::commands::processes::AUTO;
 use std::collections::BTreeMap;
 
-/// What is left of a run.
+/// Results of a run.
 pub struct Closed {
     /// Its figures.
     pub report: Report,
@@ -45,7 +45,7 @@ impl Session<'_> {
         for what in ends.killed.into_iter().chain(ends.failed.iter().cloned()) {
             self.incidents.push(Incident { at_s: self.elapsed_s(at), what });
         }
-        // What was sent on the way out; a channel that fails now has nothing more to say.
+        // Messages sent during shutdown; a channel that fails now has none left.
         let _ = self.receive();
         let recording = self.end_attempt().await;
         let slots = &self.supervisor.slots;
@@ -95,7 +95,7 @@ impl Session<'_> {
         Closed { report, attempts: self.attempts, trace }
     }
 
-    /// What was wrong for longer than a moment, a live stream's silences among it.
+    /// Persistent problems, including silences of a live stream.
     fn warnings(&self) -> Vec<Warning> {
         [self.consumers.watch.warnings(), &self.consumers.silence.of_stream()].concat()
     }
@@ -110,7 +110,7 @@ impl Session<'_> {
         let (mut lost, due) = (self.tap.lost(), self.consumers.tracking.due());
         let unpublished =
             [(BlobField::CHANNEL, due.fields_skipped()), (TrackerFrame::CHANNEL, due.frames_missing())];
-        // What was overwritten is missing in the count of what came, too.
+        // Overwritten messages are missing in the count of received ones, too.
         for (channel, count) in unpublished.into_iter().filter(|(_, count)| *count > 0) {
             let known = lost.entry(channel).or_default();
             *known = count.max(*known);

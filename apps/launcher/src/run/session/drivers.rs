@@ -1,4 +1,4 @@
-//! Programs of other makers in a run: they are invited, awaited, and told when they come and go.
+//! External drivers in a run: inviting them, waiting for them, reporting when they connect and leave.
 
 use super::Session;
 use crate::run::external::waiting_for;
@@ -23,7 +23,7 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Says what a run that has not begun waits for, if that is a driver.
+    /// Driver that a run waits for before it begins, if any.
     pub(super) fn say_what_is_awaited(&mut self, at: Nanos) {
         if let Some(channel) = self.args.source().drives()
             && self.args.has_outside_source()

@@ -1,4 +1,4 @@
-//! Processes that died: what they are given for their restart, and how it is told.
+//! Restarts of dead processes: their arguments, and the report.
 
 use super::Session;
 use crate::run::report::Incident;
@@ -10,7 +10,7 @@ use protocol::health::Process;
 use protocol::time::Nanos;
 use recording::{Note, NoteKind};
 
-/// Told where the simulation could not go on from its past.
+/// Reported when the simulation could not resume.
 const STATE_LOST: &str = "simcore restarts from its scene: the state of the eye is lost";
 
 /// Goals of the task that are reached, a bit for each: a restarted surgeon has not seen it.
@@ -37,7 +37,7 @@ impl Session<'_> {
             events.extend(died);
         }
         if events.contains(&ProcessEvent::Joined(Process::Simcore)) {
-            // What was sent until it had opened its channels; what comes later it receives itself.
+            // Messages sent before it opened its channels; it receives later ones itself.
             events.extend(self.receive()?);
             if let Err(error) = self.consumers.resume.serve() {
                 self.screen.print(&format!("the journal of the simulation cannot be written: {error}"));

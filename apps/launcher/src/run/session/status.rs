@@ -1,4 +1,4 @@
-//! What a run shows and warns of while it goes on.
+//! Status and warnings during a run.
 
 use super::Session;
 use crate::run::screen::Status;
@@ -10,7 +10,7 @@ use protocol::message::text_bytes;
 use protocol::time::Nanos;
 use recording::{Note, NoteKind};
 
-/// Period in which a run is looked at for what should not stay silent, ns.
+/// Period of the checks for warnings, ns.
 const WATCH_NS: u64 = 1_000_000_000;
 
 impl Session<'_> {
@@ -56,7 +56,7 @@ impl Session<'_> {
         self.own_cpu.note(std::process::id(), cpu_ns, at);
     }
 
-    /// Looks at the last second, and tells what has been wrong for a while.
+    /// Checks the last second and reports persistent problems.
     pub(super) fn watch(&mut self) {
         let at = now();
         if self.started_ns == 0 || self.paused_ns.is_some() || at < self.watched_ns + WATCH_NS {
@@ -107,7 +107,7 @@ impl Session<'_> {
         self.consumers.record_note(Note { instant_ns: at, kind, process: None, count, text });
     }
 
-    /// Shows in the picture what is wrong; the picture can do without.
+    /// Shows problems in the picture; a failure to do so is ignored.
     fn notify(&mut self, at: Nanos) {
         let lasting = self.consumers.silence.present().or_else(|| self.consumers.watch.present().next());
         let text = text_bytes(lasting.map_or("", |finding| finding.what.as_str()));
