@@ -1,4 +1,4 @@
-//! `vitreo budgets`: reports of runs side by side, judged by their latency budgets.
+//! `vitreo budgets`: checks reports of runs against their latency budgets, side by side.
 
 use crate::exit::BUDGET;
 use crate::run::{Judged, Load, NO_LOAD};
@@ -119,7 +119,7 @@ impl Report {
         }
     }
 
-    /// How the picture did, where there was one.
+    /// Figures of the picture, if there was one.
     fn rendering(&self) -> String {
         let drawn = self.stages.iter().find(|s| s.stage == "rendering" && s.is_judged());
         let (Some(s), Some(tiers)) = (drawn, self.tiers()) else { return String::new() };

@@ -62,7 +62,7 @@ pub struct Child {
     name: String,
     pid: u32,
     output: Arc<Output>,
-    /// Its standard input, where it listens.
+    /// Its standard input, if it reads it.
     input: Option<File>,
     /// It has written the line `ready`.
     said_ready: Arc<AtomicBool>,

@@ -1,4 +1,4 @@
-//! `vitreo config`: what options are set to, where that comes from, and a file to begin with.
+//! `vitreo config`: values and sources of all options, and a template file.
 //!
 //! The camera's, the calibration's and the renderer's programs have commands of their own and are
 //! asked what these take.

@@ -1,4 +1,4 @@
-//! Sub-commands that belong to another crate: its binary takes over.
+//! Sub-commands of other crates: forwarded to their binaries.
 
 use anyhow::Context;
 use ipc::logging::arguments;

@@ -1,4 +1,4 @@
-//! The launcher: starts the processes of a simulator, watches them and records.
+//! The launcher: starts the processes of a simulator, supervises them and records.
 //!
 //! It starts the other crates' binaries and never links them.
 

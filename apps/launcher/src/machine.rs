@@ -1,4 +1,4 @@
-//! What machine this is, as far as reports and `vitreo doctor` need it.
+//! Description of this machine for reports and `vitreo doctor`.
 
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use serde::Serialize;

@@ -1,4 +1,4 @@
-//! `vitreo`: the one command a person types.
+//! `vitreo`: the command-line program.
 
 use launcher::cli::Cli;
 use launcher::programs::SETTINGS;

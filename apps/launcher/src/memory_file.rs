@@ -1,5 +1,4 @@
-//! Text that the processes read as a file and that lies on no disk, so that nothing is left of it
-//! however the command ends.
+//! A text file in memory for the child processes, which leaves nothing on disk however the command ends.
 
 use anyhow::Context;
 use rustix::fs::{MemfdFlags, memfd_create};

@@ -1,4 +1,4 @@
-//! `vitreo modules`: what there is to train; and the scene that `vitreo run --module` composes.
+//! `vitreo modules`: lists the training modules and composes the scene of `vitreo run --module`.
 
 use crate::memory_file::MemoryFile;
 use anyhow::bail;

@@ -1,15 +1,13 @@
 //! `vitreo run`: the simulator, live.
-//!
-//! - `options`, `arguments`: the command line, and what each process is given of it
+//! - `options`, `arguments`: the command line and its value parsers
 //! - `session`: the loop that receives, supervises, records and shows
 //! - `cameras`: real cameras, and waiting for them; `colours`: colour classes; `controls`: a real pedal and
 //!   real handles
 //! - `attempt_control`: requests for a pause, a restart or the next level
 //! - `supervisor`, `policy`, `standby`: starting, restarting, bounding restarts
-//! - `channel_tap`, `recorder`, `resume`: what is received, written, and kept for a restarted
-//!   simulation
-//! - `watch`: what should not stay silent; `field_trace`: what each process did with which field
-//! - `likely_cause`: why the cameras' residuals are large, at the end
+//! - `channel_tap`, `recorder`, `resume`: receiving, recording, and the journal for a restarted simulation
+//! - `watch`: warnings; `field_trace`: the timeline of every field
+//! - `likely_cause`: the cause of large residuals, at the end
 //! - `latency_stats`, `load`, `report`: latencies against budgets; `monitor`, `screen`: the status
 
 mod arguments;
@@ -121,14 +119,14 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::from(verdict(&report, args, view)))
 }
 
-/// The score of an attempt, with its level where there were several.
+/// Score of an attempt, with its level if there were several.
 fn attempt_text(attempt: &Attempt, attempts: usize) -> String {
     let text = live_text(&attempt.live);
     if attempts > 1 && !text.is_empty() { format!("level {}: {text}", attempt.level) } else { text }
 }
 
-/// Keeps the attempts in the results store, those broken off too. One that was not begun is left
-/// out; where it is the only one that is an error.
+/// Saves the attempts in the results store, including abandoned ones. Attempts that never began are skipped;
+/// if there is no other, that is an error.
 fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Result<()> {
     let mut store = open_store(&args.training.store)?;
     let person = args.desk.is_some() || args.real.given().is_some() || args.real.driver().is_some();

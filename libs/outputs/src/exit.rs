@@ -1,4 +1,4 @@
-//! Exit codes, a contract with other people's scripts.
+//! Exit codes. Scripts depend on them, so they do not change.
 
 /// Something failed.
 pub const FAILED: u8 = 1;
@@ -17,7 +17,7 @@ pub const WARNED: u8 = 7;
 /// A signal ended it: Ctrl-C, say.
 pub const INTERRUPTED: u8 = 130;
 
-/// The command was asked for something that there is not; nothing was begun.
+/// The command line names something unknown; nothing has started.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct WrongUse(pub String);

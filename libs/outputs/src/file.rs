@@ -29,7 +29,7 @@ pub struct OutputFile {
 
 #[derive(Debug)]
 enum Target {
-    /// Written where it is.
+    /// Written directly.
     Direct(File),
     /// Gets its name at the end.
     Unnamed { file: NamedTempFile, place: Place },
@@ -161,7 +161,7 @@ impl GrowingFile {
         self.file.try_clone().map_err(|e| OutputError::io(&self.path, e))
     }
 
-    /// Gives the file its name, once what it belongs to has begun. Later calls do nothing.
+    /// Gives the file its name once its run has begun. Later calls do nothing.
     ///
     /// # Errors
     /// Where the name was taken meanwhile, or another program writes the file of that name.
@@ -199,7 +199,7 @@ impl Place {
         Place { path: resolved.unwrap_or_else(|| path.into()), force }
     }
 
-    /// A file of an unlikely name beside the place, in a folder that is made where it is missing.
+    /// Temporary file beside the destination, whose folder is created if missing.
     fn temporary(&self) -> Result<NamedTempFile, OutputError> {
         let refused = |problem| OutputError::io(&self.path, problem);
         fs::create_dir_all(self.folder()).map_err(refused)?;

@@ -70,7 +70,7 @@ pub enum OutputError {
         /// The file.
         path: String,
     },
-    /// A folder where a file was expected, or a file in the place of a folder.
+    /// A folder instead of a file, or a file instead of a folder.
     #[error("{path}: expected {expected}")]
     Kind {
         /// The name.

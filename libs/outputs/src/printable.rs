@@ -1,4 +1,4 @@
-//! Text that a terminal may show, whoever wrote it.
+//! Escapes untrusted text for a terminal.
 
 use std::borrow::Cow;
 

@@ -1,4 +1,4 @@
-//! A sign of progress for a person: on a terminal only, never in a pipe or a file.
+//! Progress display, on terminals only.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
@@ -22,7 +22,7 @@ pub fn files_bar(files: u64, what: &'static str) -> ProgressBar {
     styled(Some(files), "{msg} {wide_bar} {pos}/{len} {eta}", what)
 }
 
-/// A count of something whose amount is not known beforehand.
+/// Counter without a known total.
 pub fn counter(what: &'static str) -> ProgressBar {
     styled(None, "{spinner} {human_pos} {msg} ({per_sec})", what)
 }

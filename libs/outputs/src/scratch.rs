@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use tempfile::{Builder, TempDir};
 
-/// Folders of this program that are there now.
+/// Existing folders of this program.
 static FOLDERS: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
 /// A folder of an unlikely name in the system's place for such (`TMPDIR`), which only its owner can read:
@@ -39,7 +39,7 @@ impl Drop for Scratch {
     }
 }
 
-/// Removes all that are there, for a program that is about to end at once.
+/// Removes all existing ones, for a program that is about to exit.
 pub(super) fn remove_all() {
     let folders = FOLDERS.lock().unwrap_or_else(PoisonError::into_inner);
     folders.iter().for_each(|folder| drop(fs::remove_dir_all(folder)));

@@ -1,5 +1,5 @@
-//! Standard output that may go away: a pipe whose reader has seen enough, a closed terminal, a full
-//! disk. The standard macros end the program there, and with it whatever it had yet to do.
+//! Standard output that can fail: a pipe closed by its reader, a closed terminal, a full disk. The standard
+//! macros end the program there, and with it whatever it had yet to do.
 
 use super::plainly;
 use crate::printable;

@@ -1,4 +1,4 @@
-//! Settings become arguments before those that were typed.
+//! Inserts settings from files before the typed arguments, so that the latter take precedence.
 
 use crate::check::{can_be_set, check, exclude_each_other, is_on, option_of, words};
 use crate::files::Files;
@@ -11,10 +11,10 @@ use clap::{ArgAction, ArgMatches, Command};
 use std::collections::BTreeSet;
 use std::ffi::{OsStr, OsString};
 
-/// A setting that the command line leaves standing.
+/// A setting that the command line does not override.
 struct Setting<'e> {
     entry: &'e Entry,
-    /// How many sub-commands lie above it: 0 for one of all commands.
+    /// Number of enclosing sub-commands; 0 for a global option.
     depth: usize,
     words: Vec<String>,
 }
@@ -136,7 +136,7 @@ fn levels<'c>(built: &'c Command, program: &Program, understood: &'c ArgMatches)
         let Some(found) = command.find_subcommand(name) else { break };
         command = found;
         table.push(name.to_owned());
-        // Such a command takes its own options only where no other follows.
+        // Such a command accepts its own options only without a sub-command.
         if below.subcommand_name().is_none() || !command.is_args_conflicts_with_subcommands_set() {
             levels.push(level(command, below, &table, depth + 1));
         }

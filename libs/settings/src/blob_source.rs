@@ -1,4 +1,4 @@
-//! What `--blobs` may name: a file, a pipe, standard input, or a port on which a writer is waited for.
+//! Sources of `--blobs`: a file, a pipe, standard input, or a port that waits for a writer.
 
 use protocol::file::STDIN;
 use std::fs::{File, metadata};

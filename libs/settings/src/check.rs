@@ -1,4 +1,4 @@
-//! Whether what files say can be meant: tables, keys and values, judged by clap's own parsers.
+//! Validates tables, keys and values of settings files with clap's own parsers.
 
 use crate::toml_file::{Entry, Value};
 use crate::{ONLY_TYPED, Problem, Program};
@@ -52,7 +52,7 @@ pub fn exclude_each_other(command: &Command, one: &str, other: &str) -> bool {
     names(a, b) || names(b, a)
 }
 
-/// The command whose table an entry lies in; `None` where it belongs to another program.
+/// Command of an entry's table; `None` if it belongs to another program.
 fn table_of<'c>(
     command: &'c Command,
     program: &Program,
@@ -181,7 +181,7 @@ fn expected(arg: &Arg, error: &clap::Error, value: &Value) -> String {
     format!("expected {wanted}, found {value}{suggested}{reason}")
 }
 
-/// A setting as the words of a command line; none where it turns something off.
+/// A setting as command-line arguments; none if it turns a flag off.
 ///
 /// # Errors
 /// Expected form, if the value's type does not fit the option.

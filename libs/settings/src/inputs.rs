@@ -1,4 +1,4 @@
-//! Looking at files before anything is begun with them: a message names the option and the file.
+//! Checks of input files before a command starts; errors name the option and the file.
 
 use protocol::file::STDIN;
 use std::fmt::Display;

@@ -1,13 +1,9 @@
-//! Defaults of options from files: `vitreo.toml`, a table a command, keys the long options' names.
-//!
-//! The files are read in the order of [`files::Files`]; what comes later wins, and the command line
-//! wins over all. A setting becomes an argument before those that were typed ([`apply`]), so that
-//! clap's own parsers and rules judge it, as if it had been typed; what a file says is judged before
-//! ([`check`]), and a refusal names file, line, key and what was expected.
-//!
-//! A command that belongs to another program reads its own tables there: `vitreo blobs` those under
-//! `blobs`, in the camera's program. Programs that a run starts get everything on their command
-//! lines, and read no file.
+//! Option defaults from `vitreo.toml`: one table per command, long option names as keys. The files are read
+//! in the order of [`files::Files`]; later ones take precedence, and the command line over all. A setting
+//! becomes an argument before the typed ones ([`apply`]), so clap parses and validates it like a typed
+//! argument. Files are validated first ([`check`]); errors name file, line, key and the expected value. A
+//! command of another program reads its own tables there: `vitreo blobs` reads those under `blobs`, in the
+//! camera's program. Programs that a run starts get all settings on their command lines and read no file.
 
 pub mod apply;
 pub mod blob_source;

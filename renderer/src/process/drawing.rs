@@ -1,4 +1,4 @@
-//! A frame on the device: its commands, and what became of them.
+//! A frame on the device: its commands and their completion.
 
 use super::RendererShell;
 use crate::latch::Latched;
@@ -14,7 +14,7 @@ use wgpu::CommandBuffer;
 pub(super) struct Drawn {
     /// When this process knew that it was.
     pub(super) done: Nanos,
-    /// When it was, by the device's clock where it has one.
+    /// Its times, by the device's clock if available.
     pub(super) drawn: Nanos,
     /// Time of the calls that upload the tissue, ns.
     pub(super) transfer_ns: u64,

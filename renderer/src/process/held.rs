@@ -1,4 +1,4 @@
-//! Marks a picture that is held because no new scene comes. Pure: instants are arguments.
+//! Marks a picture that is held because no new scene arrives. Pure: times are arguments.
 
 use crate::config::HELD_NS;
 use protocol::time::Nanos;

@@ -1,4 +1,4 @@
-//! Pictures for others: stills, video, the small JPEGs of the channel `pictures`.
+//! Picture outputs: stills, video, the small JPEGs of the channel `pictures`.
 
 use super::RendererShell;
 use crate::compose::{SMALL_PX, output_px};

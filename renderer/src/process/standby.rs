@@ -15,7 +15,7 @@ const PREPARING: i32 = 10;
 /// Line on standard output when it is ready; the launcher waits for it.
 const READY: &str = "ready";
 
-/// Makes room for others where it can be taken back; the niceness to return to.
+/// Lowers the priority if that can be undone; returns the original niceness.
 fn step_back() -> Option<i32> {
     let usual = getpriority_process(None).ok()?;
     // Without the right to return it would stay behind for ever.

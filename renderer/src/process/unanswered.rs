@@ -32,7 +32,7 @@ impl Unanswered {
         self.answered || self.silent < SILENT_FRAMES
     }
 
-    /// Takes a record whose `displayed` is estimated; `asked`: the display was asked about it.
+    /// Adds a record with an estimated `displayed`; `asked`: feedback was requested from the display.
     pub fn push(&mut self, record: FrameRecord, asked: bool, now: Nanos) {
         let until = if asked && self.expects() { now + AT_MOST_NS } else { now };
         self.waiting.push_back(Waiting { record, answer: None, until });

@@ -1,4 +1,4 @@
-//! What children write: kept for messages, filed, and passed on unchanged.
+//! Output of child processes: kept for error messages, logged, and passed on unchanged.
 
 use outputs::printable;
 use std::collections::VecDeque;
@@ -32,7 +32,7 @@ struct Kept {
 }
 
 impl Output {
-    /// Lines go to `log` as well, where there is one.
+    /// Lines also go to `log`, if there is one.
     pub(super) fn new(log: Option<File>) -> Self {
         Output { kept: Mutex::new(Kept { log, ..Kept::default() }) }
     }
@@ -70,8 +70,8 @@ impl Output {
     }
 }
 
-/// Passes a line of a child's standard error on, as it is. `lines` is for a launcher that draws on
-/// the terminal; a line that does not fit its queue is left out.
+/// Passes a line of a child's standard error on, as it is. `lines` is for a launcher that draws on the
+/// terminal; lines that do not fit its queue are dropped.
 pub(super) fn pass_on(line: &str, lines: Option<&LineSender>) {
     match lines {
         Some(lines) => drop(lines.try_send(line.to_owned())),

@@ -1,4 +1,4 @@
-//! How a program is started under a scheduler.
+//! Scheduling policies of child processes.
 
 use anyhow::{Context, ensure};
 use ipc::programs::set_environment;
@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 /// Priority of real-time processes, 1 to 99; above ordinary ones, below the kernel's own threads.
 pub const REALTIME_PRIORITY: &str = "10";
 
-/// True if `chrt` is there and this user may start real-time processes. Tried once.
+/// True if `chrt` is installed and this user may start real-time processes. Tested once.
 pub fn realtime_allowed() -> bool {
     static ALLOWED: OnceLock<bool> = OnceLock::new();
     *ALLOWED.get_or_init(|| {

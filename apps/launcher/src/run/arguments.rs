@@ -1,4 +1,4 @@
-//! Values of `vitreo run`'s options as they are read.
+//! Value parsers of `vitreo run`'s options.
 
 use protocol::budget::Stage;
 

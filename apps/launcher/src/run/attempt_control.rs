@@ -34,7 +34,7 @@ pub enum ControlRequest {
 pub struct PendingRequest {
     /// The request.
     pub request: ControlRequest,
-    /// Number of the message to answer, where it came on channel `control`.
+    /// Number of the message to answer, if it came on channel `control`.
     pub seq: Option<u64>,
 }
 

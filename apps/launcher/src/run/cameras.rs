@@ -1,5 +1,5 @@
-//! Real cameras in place of the virtual rig: a program of the rig's maker (`docs/camera-hardware.md`) or
-//! streams of pictures (`docs/cameras.md`); whether they are there, and waiting until they are.
+//! Real cameras in place of the virtual rig: the user's own program (`docs/camera-hardware.md`) or streams of
+//! pictures (`docs/cameras.md`); checks that they exist, and waits for them.
 
 use super::options::{RealCamerasArgs, RunArgs};
 use crate::exit::WrongUse;
@@ -14,7 +14,7 @@ use std::path::Path;
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
-/// Period of looking whether what was missing is there.
+/// Period of checks for missing sources.
 const LOOK: Duration = Duration::from_secs(1);
 /// The same reason is logged again after so long.
 const REMINDER: Duration = Duration::from_secs(600);
@@ -144,7 +144,7 @@ mod tests {
         std::fs::write(path("a"), "").unwrap();
         let [a, b] = ["a", "b"].map(|name| format!("y4m:{}", path(name)));
         assert_eq!(refused(&format!("{a},{a},{a}?parity=1"), false), None);
-        // Who a name on the network belongs to is known once it is asked.
+        // The owner of a network name is known only after a query.
         assert_eq!(refused(&format!("{a},{a},genicam:10.0.0.7"), false), None);
         let cases = [
             (

@@ -1,5 +1,4 @@
-//! A real pedal and real handles (`docs/controls.md`): whether they are there, what is left to them, and
-//! how they did.
+//! A real pedal and real handles (`docs/controls.md`): checks, channels left to them, and figures.
 
 use super::options::RunArgs;
 use crate::exit::WrongUse;
@@ -13,8 +12,7 @@ use settings::inputs::check_file;
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
-/// The channels that the rig leaves to real devices and to programs of other makers; `None` where there are
-/// none.
+/// Channels that the rig leaves to real devices and external drivers; `None` if there are none.
 pub fn left(args: &RunArgs) -> Option<ControlChannels> {
     let outside = args.real.external.as_ref().and_then(External::controls).unwrap_or_default();
     let handles = outside.handles || args.controls.handles.is_some();

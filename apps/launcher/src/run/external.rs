@@ -1,5 +1,5 @@
-//! Programs of other makers that take part in a run: what they stand in for, whether they are there, and what is said
-//! where they are not. The launcher neither starts nor ends nor restarts them. Pure.
+//! External drivers in a run: what they replace, their presence, and messages where they are not. The
+//! launcher neither starts nor ends nor restarts them. Pure.
 
 use super::options::RunArgs;
 use super::supervisor::{Slot, Supervisor};
@@ -50,7 +50,7 @@ pub fn check(args: &RunArgs) -> anyhow::Result<()> {
 /// Presence of a driver.
 #[derive(Debug, Default)]
 pub struct Presence {
-    /// Its process; 0 where none is there.
+    /// Its process id; 0 if absent.
     pid: u32,
     was_there: bool,
     /// Blocks that it has sent.
@@ -60,7 +60,7 @@ pub struct Presence {
 }
 
 impl Presence {
-    /// Takes a heartbeat; true where it is the first one of a process.
+    /// Adds a heartbeat; true for the first one of a process.
     pub fn note(&mut self, beat: &Health, now: Nanos) -> bool {
         let came = beat.pid != self.pid;
         if came || beat.sent != self.sent || beat.state == STATE_FINISHED {
@@ -70,7 +70,7 @@ impl Presence {
         came
     }
 
-    /// True once, where no heartbeat came any more since `last_sign_ns`.
+    /// True once, if no heartbeat has arrived since `last_sign_ns`.
     pub fn has_gone(&mut self, last_sign_ns: Nanos, now: Nanos) -> bool {
         let gone = self.pid != 0 && now.saturating_sub(last_sign_ns) > GONE_NS;
         if gone {
@@ -79,12 +79,12 @@ impl Presence {
         gone
     }
 
-    /// True where no process of it is there.
+    /// True if it has no process.
     pub fn is_away(&self) -> bool {
         self.pid == 0
     }
 
-    /// True where it is not there, or sends nothing.
+    /// True if it is absent or sends nothing.
     pub fn is_silent(&self, now: Nanos) -> bool {
         self.pid == 0 || now.saturating_sub(self.sent_ns) > SILENT_NS
     }

@@ -1,4 +1,4 @@
-//! The trace of a run: its options, which processes it should hold, and its file.
+//! The trace of a run: options, expected processes, and the file.
 
 use ipc::logging::{inform, warn};
 use ipc::trace::json::{FieldTrace, Missing};

@@ -1,4 +1,4 @@
-//! What each process is given of a run's options.
+//! Arguments of each process, derived from a run's options.
 
 use super::controls::left;
 use super::options::{RunArgs, View};
@@ -60,7 +60,7 @@ impl RunArgs {
         args.0
     }
 
-    /// The stage whose delay a process is given.
+    /// Stage whose injected delay a process applies.
     fn delayed_stage(&self, process: Process) -> Option<Stage> {
         match process {
             Process::VirtualRig if self.real.given().is_some() => None,

@@ -1,4 +1,4 @@
-//! Latency histograms of every stage, judged by the budgets. Pure.
+//! Latency histograms of every stage, compared with the budgets. Pure.
 //!
 //! A latency is counted by the exposure instant of its field: what was exposed before the run was
 //! warm (one second after the start, or after a process was restarted) is counted as warm-up and
@@ -94,7 +94,7 @@ impl Durations {
 /// Histograms of the paper's Table 4, one a line.
 #[derive(Debug, Default)]
 pub struct PaperPhases {
-    /// Collision detection of steps at whose end an instrument collided with tissue.
+    /// Collision detection of steps that ended with an instrument in contact with tissue.
     pub contact: Durations,
     /// Collision detection of all other steps.
     pub no_contact: Durations,
@@ -136,7 +136,7 @@ pub struct LatencyStats {
     pub phases: [Durations; StepProfile::PHASES.len()],
     /// The paper's Table 4.
     pub paper: PaperPhases,
-    /// Latencies left out because the run was not warm.
+    /// Latencies excluded because the run was still warming up.
     pub warm_up: u64,
     warm_from_ns: Option<Nanos>,
     /// Frames drawn at a tier too low to train with.
@@ -321,7 +321,7 @@ impl StageFigures {
         }
     }
 
-    /// Which budget is broken, by how much, and where it was worst.
+    /// Exceeded budgets, by how much, and the worst field.
     pub fn blame(&self) -> String {
         let stage = self.stage.name();
         let mut broken = Vec::new();

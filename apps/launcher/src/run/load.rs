@@ -1,5 +1,4 @@
-//! How busy the machine was with other things while a run went on, by /proc/stat, and how much of a
-//! broken budget that explains.
+//! Load of other programs during a run, from /proc/stat, and how much of a budget overrun it explains.
 
 use serde::{Deserialize, Serialize};
 use std::fs::read_to_string;

@@ -153,7 +153,7 @@ pub struct RealCamerasArgs {
 }
 
 impl RealCamerasArgs {
-    /// Cameras in place of the virtual ones, where there are any.
+    /// Cameras that replace the virtual ones, if any.
     pub fn given(&self) -> Option<&Cameras> {
         self.cameras.as_ref().filter(|cameras| **cameras != Cameras::Virtual)
     }

@@ -1,4 +1,4 @@
-//! How often a process may be restarted, and how its CPU time is counted. Pure.
+//! Limits of restarts, and accounting of CPU time over restarts. Pure.
 
 use protocol::time::Nanos;
 use std::collections::VecDeque;

@@ -1,6 +1,5 @@
-//! The recorder: writes on a thread of its own behind a bounded queue, so that a slow, full or hung
-//! disk delays nothing else. What does not fit the queue is counted, and the gap is recorded as a
-//! note.
+//! The recorder: a separate thread behind a bounded queue, so that a slow, full or hung disk delays nothing
+//! else. What does not fit the queue is counted, and the gap is recorded as a note.
 //!
 //! While the disk is full, the thread takes no further items and tries again; what it holds is
 //! written as soon as there is space. It is a plain thread, which nobody waits for: a write that

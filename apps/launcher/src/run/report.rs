@@ -1,4 +1,4 @@
-//! The report of a run: everything the run is judged by, as JSON and as tables. Pure.
+//! The report of a run, as JSON and as tables. Pure.
 
 mod paper;
 
@@ -40,13 +40,13 @@ pub struct Report {
     pub stages: Vec<StageFigures>,
     /// Load of the processors by other programs, if the system reports it.
     pub load: Option<Load>,
-    /// Latencies left out because a start or restart was less than a second ago.
+    /// Latencies excluded within a second after a start or restart.
     pub warm_up_left_out: u64,
     /// The paper's Table 4 with today's figures.
     pub paper_table_4: Vec<PaperLine>,
     /// Time of each phase of the simulation step.
     pub step_profile: Vec<PhaseFigures>,
-    /// The picture, where there was one.
+    /// The picture, if there was one.
     pub picture: Option<Picture>,
     /// How well bodies were tracked.
     pub tracking: TrackingFigures,
@@ -85,7 +85,7 @@ pub struct Report {
     pub events: BTreeMap<&'static str, u64>,
     /// Tissue removed by vitrectors, and the remaining vitreous.
     pub removed: Option<Removed>,
-    /// The recording, where there was one.
+    /// The recording, if there was one.
     pub recording: Option<RecordingFigures>,
     /// How the pictures of each live camera came, where they came through pipes or from files.
     pub cameras: Vec<Delivery>,
@@ -227,7 +227,7 @@ pub struct RecordingFigures {
     /// Items that did not reach the file.
     pub lost: u64,
     pub bytes: u64,
-    /// Parts, where it is written in parts.
+    /// Number of parts, if split.
     pub parts: Option<u32>,
     /// Why it could not be finished.
     pub problem: Option<String>,

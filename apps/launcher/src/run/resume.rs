@@ -52,7 +52,7 @@ pub enum Origin {
 }
 
 impl Resume {
-    /// Takes an item; other kinds than inputs, steps and checkpoints are passed over.
+    /// Adds an item; kinds other than inputs, steps and checkpoints are ignored.
     pub fn note(&mut self, item: &Item) {
         match item {
             Item::Handle(_) | Item::Pedal(_) | Item::Poses(_) | Item::Step(_) => {

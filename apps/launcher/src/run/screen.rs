@@ -26,7 +26,7 @@ pub struct Status<'a> {
     pub now: Nanos,
     /// Since the first field, s.
     pub elapsed_s: f64,
-    /// Length of the run, where it has one, s.
+    /// Length of the run, if limited, s.
     pub duration_s: Option<f64>,
     /// Traffic, events, bodies, picture.
     pub monitor: &'a Monitor,
@@ -225,7 +225,7 @@ fn clear(lines: usize) -> String {
     if lines == 0 { String::new() } else { format!("\x1b[{lines}F\x1b[J") }
 }
 
-/// Text that puts `lines` in the place of `drawn` earlier ones, each cut at the terminal's edge.
+/// Text that replaces `drawn` earlier lines with `lines`, each truncated at the terminal's edge.
 fn frame(lines: &[String], drawn: usize) -> String {
     const NO_WRAP: &str = "\x1b[?7l";
     const WRAP: &str = "\x1b[?7h";

@@ -58,7 +58,7 @@ pub struct Session<'a> {
     view: View,
     budgets: &'a Budgets,
     provenance: Provenance,
-    /// The module's scene, where one is trained.
+    /// Scene of the module, if any.
     composed: Option<&'a mut Composed>,
     control: AttemptControl,
     answers: Sender<Answer>,
@@ -84,7 +84,7 @@ pub struct Session<'a> {
     states_lost: u64,
     /// When the cameras were ready; 0 before.
     started_ns: Nanos,
-    /// When the attempt began, moved by every pause; 0 before.
+    /// Start of the attempt, shifted by every pause; 0 before.
     attempt_ns: Nanos,
     /// Time of the last check for warnings.
     watched_ns: Nanos,

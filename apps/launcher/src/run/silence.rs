@@ -104,7 +104,7 @@ impl SilenceWatch {
     pub fn note(&mut self, counts: [u64; CHANNELS.len()], at_ns: Nanos, at_s: f64) -> Option<Finding> {
         let step = at_ns.saturating_sub(self.at_ns).min(LONGEST_STEP_NS);
         self.at_ns = at_ns;
-        // A process whose input does not come owes nothing, and is judged from its return on.
+        // A process without input is not expected to send, and is checked again once its input returns.
         let mut is_fed = true;
         for output in &mut self.outputs {
             let count = counts[output.channel];

@@ -1,6 +1,6 @@
-//! Renderers that have loaded and compiled everything and wait to take over: a software driver takes
-//! seconds for that. They cost memory, and no processor while they wait. The first is ready before the
-//! first field, so that nothing is compiled while frames are judged.
+//! Standby renderers with everything loaded and compiled, which takes seconds on a software driver. They use
+//! memory, but no processor time while they wait. The first is ready before the first field, so that nothing
+//! is compiled while frames are judged.
 
 use crate::children::Child;
 use protocol::health::Process;
@@ -26,7 +26,7 @@ pub struct Standby {
     /// Since when the renderer is at work.
     at_work_since: Option<Nanos>,
     failures: u32,
-    /// One has been asked for.
+    /// A standby has been requested.
     begun: bool,
     /// One has taken over.
     used: bool,
@@ -51,7 +51,7 @@ impl Standby {
         {
             return false;
         }
-        // Without it this is asked again after a while.
+        // Otherwise it is requested again later.
         (self.begun, self.at_work_since) = (true, None);
         is_memory_enough()
     }
@@ -61,7 +61,7 @@ impl Standby {
         self.begun && self.children.iter().all(|c| c.has_said_ready() || c.exited().is_some())
     }
 
-    /// Keeps one that was started; `None` where it could not be.
+    /// Stores a started standby; `None` if it could not start.
     pub fn set(&mut self, child: Option<Child>) {
         self.failures += u32::from(child.is_none());
         self.children.extend(child);

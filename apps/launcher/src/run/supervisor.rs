@@ -1,4 +1,4 @@
-//! Keeps the processes of a run alive: starts them, notices the dead and the hung, restarts them.
+//! Starts the processes of a run, detects dead and hung ones, and restarts them.
 
 use super::external::Presence;
 use super::options::{RunArgs, View};
@@ -312,8 +312,8 @@ impl Supervisor {
         Ok(events)
     }
 
-    /// Starts the processes again whose time has come. `restart_arguments` gives the further
-    /// arguments of a process, which was at work when it died or was not.
+    /// Restarts the processes that are due. `restart_arguments` gives the further arguments of a process,
+    /// which was at work when it died or was not.
     ///
     /// # Errors
     /// Where a binary is absent or cannot be run.

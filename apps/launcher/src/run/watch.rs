@@ -1,4 +1,4 @@
-//! What is wrong with a run besides its tracking: inputs that never came, a slow picture. Pure.
+//! Problems of a run besides tracking: missing inputs, a slow picture. Pure.
 
 use super::monitor::Monitor;
 use super::options::RunArgs;

@@ -8,7 +8,7 @@ use std::str::FromStr;
 const VIRTUAL: &str = "virtual";
 /// Forms of a source, for messages.
 const FORMS: &str = "y4m:PATH, mcap:FILE, v4l2:/dev/videoN or genicam:NAME";
-/// Longest exposure that can be asked for, µs.
+/// Maximum exposure, µs.
 const MAX_EXPOSURE_US: u32 = 1_000_000;
 
 /// Value of `--cameras`.

@@ -68,7 +68,7 @@ impl RecordingFiles {
         Ok(Writer::packed(self.first.handle()?, self.first.path(), provenance, self.packing)?)
     }
 
-    /// Writes the parts; `None` where one file is asked for.
+    /// Writer of the parts; `None` for a single file.
     ///
     /// # Errors
     /// Where the first one cannot be written.

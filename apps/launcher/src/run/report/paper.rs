@@ -10,7 +10,7 @@ use std::fmt::Write;
 pub struct PaperLine {
     /// The timed part.
     pub task: &'static str,
-    /// The paper's figure, ms; `None` where it has none: such a line takes no part in the sum.
+    /// The paper's figure, ms; lines with `None` are not in the sum.
     pub paper_ms: Option<f64>,
     /// Median of this run, ms; `None` where nothing was measured.
     pub today_ms: Option<f64>,

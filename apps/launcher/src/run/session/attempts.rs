@@ -1,4 +1,4 @@
-//! Pause, restart and next level of a run. Each attempt has a recording of its own.
+//! Pause, restart and next level of a run. Each attempt has its own recording.
 
 use super::{Attempt, CommandProgress, Session};
 use crate::run::OutputArgs;
@@ -132,7 +132,7 @@ impl Session<'_> {
         self.supervisor.ask(Process::Renderer as u32, Command::Help, u64::from(self.help.open));
     }
 
-    /// Tells a renderer that has just begun how things stand: help, pause.
+    /// Sends the current state (help, pause) to a renderer that has just started.
     pub(super) fn tell_renderer(&mut self) {
         self.tell_help();
         if self.paused_ns.is_some() {

@@ -1,4 +1,4 @@
-//! The end of a run: processes and recording are ended, figures summed up.
+//! The end of a run: stops processes and recording, and sums up the figures.
 
 use super::{Attempt, Session};
 use crate::children::realtime_allowed;

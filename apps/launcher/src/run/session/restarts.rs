@@ -28,8 +28,8 @@ impl GoalsReached {
 }
 
 impl Session<'_> {
-    /// Finds the dead, starts those again whose time has come, and gives a simulation its past.
-    /// Everything that a dead process sent has been taken in before its successor starts.
+    /// Finds dead processes, restarts those that are due, and passes the journal to a simulation. Everything
+    /// that a dead process sent has been taken in before its successor starts.
     pub(super) async fn supervise(&mut self, events: &mut Vec<ProcessEvent>) -> anyhow::Result<()> {
         let died = self.supervisor.find_dead(now()).await?;
         if !died.is_empty() {

@@ -14,7 +14,7 @@ use recording::{Note, NoteKind};
 const WATCH_NS: u64 = 1_000_000_000;
 
 impl Session<'_> {
-    /// Shows the status where it is due.
+    /// Shows the status when it is due.
     pub(super) fn show(&mut self) {
         let at = now();
         if self.started_ns == 0 {
@@ -84,7 +84,7 @@ impl Session<'_> {
     /// Warns at once of a process that works no more though it runs.
     pub(super) fn watch_silence(&mut self) {
         let (at, at_s) = (now(), self.elapsed_s(now()));
-        // Cameras whose sources bring nothing say so themselves.
+        // Cameras report silent sources themselves.
         let source = self.args.source();
         let told = self.supervisor.trouble_of_streams().is_some()
             || self.supervisor.trouble_of_other_tracker().is_some()
