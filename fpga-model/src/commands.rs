@@ -12,13 +12,13 @@ pub mod vectors;
 /// The sub-commands, one a module.
 #[derive(Debug, Clone, clap::Subcommand)]
 pub enum Command {
-    /// Find the blobs in pictures and clips.
+    /// Find blobs in pictures and clips.
     Blobs(Box<blobs::BlobsArgs>),
-    /// Learn, show and check the camera's colour classes.
+    /// Learn, show and check colour classes.
     Colours(colours::ColoursArgs),
-    /// Show the registers, memories and clocks of the extractor.
+    /// Print registers, memories and clocks of the camera hardware.
     Hardware(hardware::HardwareArgs),
-    /// Write the test vectors for a hardware description.
+    /// Write test vectors for the camera hardware.
     Vectors(vectors::VectorsArgs),
 }
 

@@ -26,14 +26,14 @@ struct Cli {
 
 #[derive(Debug, clap::Subcommand)]
 enum Command {
-    /// Measure what a part costs on this machine.
+    /// Measure the cost of a part on this machine.
     #[command(subcommand)]
     Bench(Bench),
 }
 
 #[derive(Debug, clap::Subcommand)]
 enum Bench {
-    /// What a stereo frame costs, by tier and by layer.
+    /// Cost of a stereo frame, by tier and layer.
     Render(bench::RenderArgs),
 }
 

@@ -9,9 +9,9 @@ mod person;
 /// The sub-commands, one a module.
 #[derive(Debug, Clone, clap::Subcommand)]
 pub enum Command {
-    /// Show what a foot pedal does, or learn its mapping.
+    /// Show a foot pedal's inputs, or learn its mapping.
     Pedal(pedal::PedalArgs),
-    /// Show what the handles send, or calibrate their jaws.
+    /// Show the handles' inputs, or calibrate their jaws.
     Handles(handles::HandlesArgs),
 }
 

@@ -14,7 +14,7 @@ use outputs::{Force, OutputFile, Outputs, STDOUT};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Find the blobs in pictures and clips.
+/// Find blobs in pictures and clips.
 ///
 /// A still image (PNG, JPEG) is one picture of camera 0. A clip (Y4M, 8 bits; - for standard input) is one
 /// camera; the first clip is camera 0. A recording of pixels (vitreo cameras --record-fields FILE.mcap) holds

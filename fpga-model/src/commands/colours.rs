@@ -13,7 +13,7 @@ use protocol::blobs::Colour;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Learn, show and check the camera's colour classes.
+/// Learn, show and check colour classes.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ColoursArgs {
     /// What to do.
@@ -24,45 +24,43 @@ pub struct ColoursArgs {
 /// What to do with classes.
 #[derive(Debug, Clone, clap::Subcommand)]
 pub enum Action {
-    /// Learn classes from sample pictures, for instance red=ball.jpg@310,95,80,60. Without a region
-    /// the most colourful part of the picture counts; several samples of a colour are taken
-    /// together.
+    /// Learn classes from sample pictures, for instance red=ball.jpg@310,95,80,60. Without a region, the most
+    /// colourful part of the picture is used; several samples of a colour are combined.
     Learn {
-        /// red, yellow, green, cyan, blue, magenta or white, a picture, and where in it.
+        /// Colour (red, yellow, green, cyan, blue, magenta or white), picture, and region in it.
         #[arg(required = true, value_name = "NAME=PICTURE[@X,Y,W,H]", value_parser = Sample::parse)]
         samples: Vec<Sample>,
-        /// Where the classes go.
+        /// File for the classes.
         #[arg(short, long, value_name = "FILE.toml")]
         output: PathBuf,
         /// `--force`.
         #[command(flatten)]
         force: Force,
     },
-    /// Show classes: as a table, and the chroma plane as a picture.
+    /// Show classes as a table, and the chroma plane as a picture.
     Show {
-        /// The classes; the shipped ones if not given.
+        /// Colour file [default: the shipped classes].
         #[arg(value_name = "FILE.toml")]
         file: Option<PathBuf>,
-        /// The chroma plane: as it is on the left, each sample in the colour of its class on the
-        /// right.
+        /// Draw the chroma plane: true colours on the left, classes on the right.
         #[arg(long, value_name = "OUT.png")]
         picture: Option<PathBuf>,
-        /// As JSON.
+        /// Print JSON.
         #[arg(long)]
         json: bool,
         /// `--force`.
         #[command(flatten)]
         force: Force,
     },
-    /// Say which share of each picture's pixels belongs to which class.
+    /// Print the fraction of each picture's pixels per class.
     Check {
-        /// The classes.
+        /// Colour file.
         #[arg(value_name = "FILE.toml")]
         file: PathBuf,
         /// Pictures or clips.
         #[arg(required = true, value_name = "PICTURE")]
         pictures: Vec<PathBuf>,
-        /// As JSON, one line a picture.
+        /// Print JSON, one line per picture.
         #[arg(long)]
         json: bool,
     },

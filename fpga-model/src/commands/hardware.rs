@@ -5,28 +5,28 @@ use crate::scan::limits::{CAMERA, Limits, PICTURE, PIXEL_CLOCK_HZ};
 use anyhow::Result;
 use outputs::{print, println};
 
-/// Which set of tables.
+/// Set of tables.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Tables {
     /// The camera hardware: PAL fields, 64 blobs.
     Camera,
-    /// Pictures of up to 8192 × 8192 px, as `vitreo blobs` reads them.
+    /// Pictures of up to 8192 × 8192 px, for vitreo blobs.
     Picture,
 }
 
 /// Arguments of `hardware`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct HardwareArgs {
-    /// Which set of tables.
+    /// Set of tables.
     #[arg(long, value_enum, default_value = "camera")]
     pub tables: Tables,
-    /// Runs a line, instead of those of the set.
+    /// Runs per line, overriding the set.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub runs: Option<u16>,
-    /// Components at a time, instead of those of the set.
+    /// Simultaneous components, overriding the set.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub labels: Option<u16>,
-    /// As JSON.
+    /// Print JSON.
     #[arg(long)]
     pub json: bool,
 }

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// Arguments of `vectors`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct VectorsArgs {
-    /// Folder to write to.
+    /// Output folder.
     #[arg(value_name = "FOLDER", default_value = "fpga-model/vectors")]
     pub folder: PathBuf,
     /// `--force`.

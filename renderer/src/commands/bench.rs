@@ -27,13 +27,13 @@ const TEXT: &str = "<Level 2\n<3 of 7\n>4:32\n^Grip slipped\n_Next: the edge is 
 /// Arguments.
 #[derive(Debug, clap::Args)]
 pub struct RenderArgs {
-    /// One JSON object a tier.
+    /// Print one JSON object per tier.
     #[arg(long)]
     pub json: bool,
-    /// One tier only.
+    /// Measure one tier only.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..TIERS.len() as i64))]
     pub tier: Option<u32>,
-    /// What is in the eye.
+    /// Scene to draw.
     #[arg(long, default_value = "peel", value_parser = SUBJECTS)]
     pub subject: String,
 }

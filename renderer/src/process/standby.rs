@@ -1,6 +1,6 @@
-//! A renderer that waits to take over: it has opened its device, loaded everything and drawn its
-//! first frames (seconds on a software driver), but takes part in nothing. The launcher tells it to
-//! begin by a line on standard input, which ends when there is nothing to wait for any more.
+//! A standby renderer: it has opened its device, loaded everything and drawn its first frames (seconds on a
+//! software driver), but does not join the run. A line on standard input from the launcher promotes it; the
+//! end of standard input makes it exit.
 
 use rustix::process::{Pid, getpriority_process, nice, setpriority_process};
 use std::cell::OnceCell;

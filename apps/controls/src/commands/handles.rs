@@ -23,20 +23,20 @@ const KEPT: usize = 101;
 /// Arguments of `vitreo handles`.
 #[derive(Debug, Clone, clap::Args)]
 #[command(
-    after_help = "Shows what each handle sends, and what is wrong with its lines, until Ctrl-C. --calibrate asks \
-    to close and to open the jaws, and writes RIG with a section handles into --output (docs/handles.md)."
+    after_help = "Shows each handle's input and errors until Ctrl-C. --calibrate asks you to close and open the \
+    jaws and writes RIG with a handles section to --output (docs/handles.md)."
 )]
 pub struct HandlesArgs {
-    /// The line: serial:/dev/ttyUSB0[?baud=115200].
+    /// Serial port: serial:/dev/ttyUSB0[?baud=115200].
     #[arg(value_name = "SPEC")]
     pub handles: HandlesSpec,
     /// Calibrate the jaws for this rig.
     #[arg(long, value_name = "RIG.json", requires = "output")]
     pub calibrate: Option<PathBuf>,
-    /// Where the rig with the calibrated handles goes.
+    /// File for the rig with the calibrated handles.
     #[arg(short, long, value_name = "FILE.json", requires = "calibrate")]
     pub output: Option<PathBuf>,
-    /// How far the jaws are open when they are open, rad.
+    /// Opening of the open jaws, rad.
     #[arg(long, value_name = "RAD", default_value_t = 0.9, value_parser = opening)]
     pub open_rad: f64,
     /// `--force`.

@@ -19,15 +19,15 @@ const LOOK_NS: u64 = 20_000_000;
 /// Arguments of `vitreo pedal`.
 #[derive(Debug, Clone, clap::Args)]
 #[command(
-    after_help = "Shows every axis and button as it moves, and what the mapping makes of it, until Ctrl-C. \
-    --learn asks to press one after the other, and writes a mapping for vitreo run --pedal (docs/controls.md)."
+    after_help = "Shows every axis and button as it moves, and its meaning by the mapping, until Ctrl-C. --learn \
+    asks for each input in turn and writes a mapping for vitreo run --pedal (docs/controls.md)."
 )]
 pub struct PedalArgs {
-    /// The pedal: evdev:/dev/input/eventN[,MAPPING] or hidraw:/dev/hidrawN[,MAPPING]; without a mapping
-    /// everything is shown as it comes.
+    /// The pedal: evdev:/dev/input/eventN[,MAPPING] or hidraw:/dev/hidrawN[,MAPPING]; without a mapping, raw
+    /// inputs are shown.
     #[arg(value_name = "SPEC")]
     pub pedal: PedalSpec,
-    /// Write a mapping that is learnt from what is pressed.
+    /// Learn a mapping from key presses and write it to this file.
     #[arg(long, value_name = "FILE.toml")]
     pub learn: Option<PathBuf>,
     /// `--force`.

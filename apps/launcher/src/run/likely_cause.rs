@@ -1,5 +1,5 @@
-//! The likely cause of large residuals, at the end of a run. Only the program of recordings can find it, from what
-//! was recorded; it is given little time, and less where a person wants the end.
+//! The likely cause of large residuals, at the end of a run. `vitreo-replay` searches it in the recording,
+//! within a time limit, which is shorter after Ctrl-C.
 
 use super::report::Report;
 use crate::programs::REPLAY;
