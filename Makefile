@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo demo-repeat test latency soak hour hour-live seek endure defects test-python test-genicam test-display test-drivers test-viewers fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
+.PHONY: help setup setup-python demo demo-repeat test latency soak hour hour-live seek endure defects judge test-python test-genicam test-display test-drivers test-viewers fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
 	version tag release-programs stage deb test-deb sbom reproducible deny clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -119,6 +119,9 @@ seek: setup ## Record an hour at full speed, then hold opening it, going to any 
 
 defects: setup ## Plant a hundred defects in recordings, and print which of them vitreo diff names (DEFECTS="--count 30 --each")
 	cargo run --release -p validation --example defects -- $(DEFECTS)
+
+judge: setup ## Plant defects in 200 streams, half of them of rigs of their own, and print what the commands say of them (JUDGE="--seeds 20 --from 1")
+	cargo run --release -p validation --example judge -- $(JUDGE)
 
 fuzz: setup ## Try hostile inputs on every reader and message, 60 s each (FUZZ="--seconds 10 rig-json", FUZZ="--whole wire")
 	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/proofs/fuzz/rustc-with-coverage cargo build --workspace --bin fuzz

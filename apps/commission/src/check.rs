@@ -4,7 +4,7 @@ use crate::folder::Outcome;
 use crate::lenses::residual_picture;
 use crate::poses::{Fit, instants, told};
 use anyhow::Result;
-use calibration::cli::{LIMIT_PX, drift_report};
+use calibration::cli::{LIMIT_PX, drift_report, judged};
 use calibration::drift_check;
 use calibration::rig_view::picture::Maps;
 use calibration::rig_view::{RigView, Viewer};
@@ -100,7 +100,11 @@ fn holds(rig: &Rig, path: &Path, outcome: &mut Outcome) -> Result<bool> {
     let record = &mut outcome.record;
     record.from = vec![path.display().to_string()];
     record.figure("residuals of the stream", format!("{:.3} px", found.rms_px));
-    told(&drift_report(rig, &found, LIMIT_PX), record);
+    let judgement = judged(rig, &stream.fields);
+    told(&drift_report(rig, &found, LIMIT_PX, &judgement), record);
+    if !judgement.holds {
+        record.advice.push(judgement.text());
+    }
     for (camera, shift) in rig.cameras.iter().zip(&found.cameras).filter(|(_, c)| c.drifted) {
         record.advice.push(format!(
             "camera {}: its residuals are shifted by {:.3} px (limit {LIMIT_PX}): fasten it, and do poses --from a stream \
@@ -119,5 +123,5 @@ fn holds(rig: &Rig, path: &Path, outcome: &mut Outcome) -> Result<bool> {
             100.0 * LEAST_SHARE
         ));
     }
-    Ok(fits && !found.drifted())
+    Ok(fits && !found.drifted() && judgement.holds)
 }

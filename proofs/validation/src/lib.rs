@@ -21,6 +21,7 @@ pub mod closed_form;
 pub mod compiled;
 pub mod defects;
 pub mod exact;
+pub mod judged;
 pub mod live_recording;
 pub mod moments;
 pub mod pipeline;

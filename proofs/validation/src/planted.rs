@@ -1,9 +1,9 @@
 //! Streams with a planted defect, to be found by `calibration::causes`: the rig that is told stays right in its
 //! own view, and the truth is known.
 
-use crate::streams::{Knock, Recipe, Scenario};
+use crate::streams::{Knock, Recipe, Scenario, rig_at};
 use calibration::causes::Cause;
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 use protocol::blobs::{BlobField, Colour, WHOLE_FRAME};
 use protocol::poses::BODY_NAMES;
 use protocol::random::Random;
@@ -22,11 +22,13 @@ pub enum Defect {
     Scale,
     MarkerMoved,
     CameraMoved,
+    TwoCamerasMoved,
+    WrongSize,
 }
 
 impl Defect {
     /// Every one.
-    pub const ALL: [Defect; 9] = [
+    pub const ALL: [Defect; 11] = [
         Defect::None,
         Defect::CamerasSwapped,
         Defect::ColoursSwapped,
@@ -36,6 +38,8 @@ impl Defect {
         Defect::Scale,
         Defect::MarkerMoved,
         Defect::CameraMoved,
+        Defect::TwoCamerasMoved,
+        Defect::WrongSize,
     ];
 }
 
@@ -51,10 +55,51 @@ pub struct Planted {
     pub since_s: f64,
 }
 
-/// Draws a stream of `seconds` with a defect; which camera, marker or colour, and how much, follows from the
+/// Sizes of pictures where they are wrong, px.
+const SIZES: [[u32; 2]; 3] = [[640, 480], [768, 576], [1024, 768]];
+/// How far a picture of a moved camera moves, px.
+const MOVED_PX: (f64, f64) = (0.3, 5.0);
+
+/// A rig with cameras at other places and with other lenses, rates and scans: three on a ring about the eye.
+pub fn whole_rig(seed: u64) -> Rig {
+    let mut random = Random::new(seed, 4712);
+    let shipped = match random.once_in(2) {
+        true => Rig::load_or_shipped(None),
+        false => Rig::parse(include_str!("../../../assets/rig-200hz.json"), "assets/rig-200hz.json"),
+    };
+    let hz = [50.0, 100.0, 200.0][random.below(3)];
+    let mut rig = rig_at(&shipped.expect("a shipped rig"), hz);
+    for camera in &mut rig.cameras {
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), random.between(-0.25, 0.25));
+        let turned = camera.model().camera_from_world * turn.matrix();
+        camera.rotation = std::array::from_fn(|r| std::array::from_fn(|c| turned[(r, c)]));
+        // Farther away with a longer lens.
+        let farther = random.between(0.9, 1.25);
+        camera.t[2] *= farther;
+        let longer = farther * random.between(0.92, 1.05);
+        (camera.fx, camera.fy) = (camera.fx * longer, camera.fy * longer);
+        camera.cx += random.between(-8.0, 8.0);
+        camera.cy += random.between(-8.0, 8.0);
+        camera.dist[0] += random.between(-0.05, 0.05);
+    }
+    rig
+}
+
+/// Draws a stream of `seconds` with a defect on the shipped rig; which camera, marker or colour, and how much, follows from the
 /// seed. Defects of cameras begin at `from_s`.
 pub fn plant(defect: Defect, scenario: Scenario, seed: u64, seconds: f64, from_s: f64) -> Planted {
-    let rig = Rig::load_or_shipped(None).expect("the shipped rig");
+    plant_on(Rig::load_or_shipped(None).expect("the shipped rig"), defect, scenario, seed, seconds, from_s)
+}
+
+/// The same on another rig.
+pub fn plant_on(
+    rig: Rig,
+    defect: Defect,
+    scenario: Scenario,
+    seed: u64,
+    seconds: f64,
+    from_s: f64,
+) -> Planted {
     let mut random = Random::new(seed, 4711);
     let recipe = Recipe { scenario, seed, seconds, knocks: vec![] };
     let camera = rig.cameras[random.below(rig.cameras.len())].id;
@@ -73,13 +118,37 @@ pub fn plant(defect: Defect, scenario: Scenario, seed: u64, seconds: f64, from_s
             planted.truth = Some(cause);
         }
         Defect::CameraMoved => {
-            let to = Vector3::new(random.normal(), random.normal(), 0.3 * random.normal()).normalize();
-            let turn = to * random.between(1e-3, 6e-3);
-            let knock = Knock { camera, at_s: from_s, turn, shift_mm: Vector3::zeros(), goes_on: false };
+            let knock = knock(&rig, camera, from_s, &mut random);
             planted.fields = Recipe { knocks: vec![knock], ..recipe }.draw(&rig).fields;
-            let turn_deg = turn.norm().to_degrees();
+            let turn_deg = knock.turn.norm().to_degrees();
             planted.truth = Some(Cause::CameraMoved { camera, turn_deg, shift_mm: 0.0 });
             planted.since_s = from_s;
+        }
+        Defect::TwoCamerasMoved => {
+            let others: Vec<u32> = rig.cameras.iter().map(|c| c.id).filter(|id| *id != camera).collect();
+            let mut cameras = [camera, random.one_of(&others)];
+            cameras.sort_unstable();
+            let knocks = cameras.map(|id| knock(&rig, id, from_s, &mut random)).to_vec();
+            planted.fields = Recipe { knocks, ..recipe }.draw(&rig).fields;
+            planted.truth = Some(Cause::CamerasMoved { cameras });
+            planted.since_s = from_s;
+        }
+        Defect::WrongSize => {
+            let own = [rig.cameras[0].width, rig.cameras[0].height];
+            let others: Vec<[u32; 2]> = SIZES.into_iter().filter(|size| *size != own).collect();
+            let size_px = random.one_of(&others);
+            let camera = if random.once_in(2) { None } else { Some(camera) };
+            let mut seen_by = rig.clone();
+            for own in seen_by.cameras.iter_mut().filter(|c| camera.is_none_or(|id| id == c.id)) {
+                let [across, down] = [
+                    f64::from(size_px[0]) / f64::from(own.width),
+                    f64::from(size_px[1]) / f64::from(own.height),
+                ];
+                (own.fx, own.cx, own.width) = (own.fx * across, own.cx * across, size_px[0]);
+                (own.fy, own.cy, own.height) = (own.fy * down, own.cy * down, size_px[1]);
+            }
+            planted.fields = recipe.draw(&seen_by).fields;
+            planted.truth = Some(Cause::PictureSize { camera, size_px });
         }
         Defect::Progressive => {
             planted.fields = recipe.draw_progressive(&rig).fields;
@@ -106,6 +175,16 @@ impl Planted {
     }
 }
 
+/// A camera that was turned a little about its own centre.
+fn knock(rig: &Rig, camera: u32, at_s: f64, random: &mut Random) -> Knock {
+    let to = Vector3::new(random.normal(), random.normal(), 0.3 * random.normal());
+    let focal_px = rig.cameras.iter().find(|c| c.id == camera).map_or(1.0, |c| c.fx);
+    // By how much the middle of the picture moves.
+    let across = to.xy().norm().max(0.1);
+    let turn = to / across * (random.between(MOVED_PX.0, MOVED_PX.1) / focal_px);
+    Knock { camera, at_s, turn, shift_mm: Vector3::zeros(), goes_on: false }
+}
+
 /// A defect that changes blobs.
 fn of_blobs(defect: Defect, rig: &Rig, camera: u32, random: &mut Random) -> Option<Cause> {
     Some(match defect {
@@ -129,7 +208,7 @@ fn of_blobs(defect: Defect, rig: &Rig, camera: u32, random: &mut Random) -> Opti
             Cause::ParitySwapped { camera }
         }
         Defect::StampsShifted => {
-            let by_ms = random.between(2.0, 9.0) * if random.once_in(2) { 1.0 } else { -1.0 };
+            let by_ms = random.between(1.0, 10.0) * if random.once_in(2) { 1.0 } else { -1.0 };
             Cause::ClockShifted { camera, by_ms }
         }
         _ => return None,
@@ -162,7 +241,7 @@ fn with_moved_marker(rig: &Rig, random: &mut Random) -> (Rig, Cause) {
     let own = moved.bodies.iter_mut().find(|b| b.name == BODY_NAMES[body]).expect("a body of each name");
     let marker = random.below(own.markers.len());
     let to = Vector3::new(random.normal(), random.normal(), random.normal()).normalize();
-    let shift = to * random.between(0.15, 0.4);
+    let shift = to * random.between(0.05, 0.3);
     let p = &mut own.markers[marker].p;
     *p = (Vector3::from(*p) + shift).into();
     (moved, Cause::marker_moved(body, marker, shift.into()))

@@ -53,6 +53,53 @@ impl Default for PriorSigmas {
     }
 }
 
+/// A part of a rig that is known to be elsewhere than the rig says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// The camera with this index in the rig.
+    Camera(usize),
+    /// A marker of a body.
+    Marker(usize, usize),
+}
+
+/// What is free in a problem, and how far.
+#[derive(Debug, Clone, Default)]
+pub struct Freedom {
+    /// Of everything alike.
+    pub known: PriorSigmas,
+    /// Shift of each camera's time stamps, s.
+    pub clock_s: f64,
+    /// Shift of the lines of a field whose parity is swapped, in pixels of the frame.
+    pub parity_px: f64,
+    /// Share of the shift of a ball's image off the camera's axis, which is 1 in pictures and 0 in drawn blobs.
+    pub aside: f64,
+    /// Parts that are as free as `wide` says, against all others.
+    pub elsewhere: Vec<Part>,
+    /// For these.
+    pub wide: PriorSigmas,
+    /// Distance to the minimum that is near enough, in standard deviations; 0: as near as can be.
+    pub near_enough: f64,
+}
+
+impl From<PriorSigmas> for Freedom {
+    fn from(known: PriorSigmas) -> Self {
+        Freedom { known, ..Freedom::default() }
+    }
+}
+
+impl Freedom {
+    /// Of a part.
+    fn of(&self, part: Part) -> &PriorSigmas {
+        if self.elsewhere.contains(&part) { &self.wide } else { &self.known }
+    }
+
+    /// As [`PriorSigmas::rough`].
+    pub fn rough(&self, rig: &Rig) -> f64 {
+        let known = self.known.rough(rig);
+        if self.elsewhere.is_empty() { known } else { known.max(self.wide.rough(rig)) }
+    }
+}
+
 /// Only the poses are free.
 pub(super) const FIXED_RIG: PriorSigmas =
     PriorSigmas { camera_mm: 0.0, camera_rad: 0.0, marker_mm: 0.0, lens_px: 0.0 };
@@ -68,12 +115,27 @@ pub struct Bundle {
     pub markers: Vec<Vec<Marker>>,
     /// Poses by instant and body.
     pub poses: Vec<[Option<Isometry3<f64>>; BODIES]>,
+    /// By how much each camera's time stamps are late, s.
+    pub late_s: Vec<f64>,
+    /// How much of a swapped parity each camera shows: 0 of none, 1 of a whole one.
+    pub swapped: Vec<f64>,
+    /// How much of the shift off the axis balls show: 0 or 1.
+    pub aside: f64,
 }
 
 impl Bundle {
+    /// By how much the centre of a ball's image lies farther off the axis than the image of its centre, px.
+    fn aside_px(&self, seen: &MarkerObservation, pixel: &Vector2<f64>, depth_mm: f64) -> Vector2<f64> {
+        let radius = self.markers[seen.body][seen.marker].radius;
+        (pixel - self.cameras[seen.camera].centre_px) * (radius / depth_mm).powi(2)
+    }
+
     /// The rig as it is and the poses that the tracker found with it.
     pub fn new(rig: &Rig, instants: &[FrameObservations]) -> Self {
         Bundle {
+            late_s: vec![0.0; rig.cameras.len()],
+            swapped: vec![0.0; rig.cameras.len()],
+            aside: 0.0,
             cameras: rig.cameras(),
             markers: RigModel::new(rig).bodies.iter().map(|b| b.markers.clone()).collect(),
             poses: instants.iter().map(|i| i.poses.map(|p| p.map(|p| p.pose))).collect(),
@@ -88,14 +150,21 @@ impl Bundle {
         instant: &FrameObservations,
         seen: &MarkerObservation,
     ) -> Option<Isometry3<f64>> {
-        let motion = &instant.poses[seen.body]?.motion;
-        Some(propagated(&self.poses[at][seen.body]?, motion, seen.dt_s))
+        let dt_s = seen.dt_s - self.late_s[seen.camera];
+        let motion = instant.poses[seen.body]?.motion_to(dt_s);
+        Some(propagated(&self.poses[at][seen.body]?, &motion, dt_s))
     }
 
     /// Image of an observed marker whose body is at `pose`; `None` behind the camera.
     pub fn image(&self, pose: &Isometry3<f64>, seen: &MarkerObservation) -> Option<MarkerImage> {
         let marker = &self.markers[seen.body][seen.marker];
-        project_marker(marker, &pose.into(), &self.cameras[seen.camera])
+        let mut image = project_marker(marker, &pose.into(), &self.cameras[seen.camera])?;
+        image.pixel.y += self.swapped[seen.camera] * seen.if_swapped_px;
+        if self.aside != 0.0 {
+            let depth_mm = self.cameras[seen.camera].in_camera(&image.point).z;
+            image.pixel += self.aside_px(seen, &image.pixel, depth_mm) * self.aside;
+        }
+        Some(image)
     }
 
     /// The rig with these cameras and markers.
@@ -123,6 +192,26 @@ pub(super) enum Value {
     Place(usize, usize),
     /// Body, marker, axis.
     Marker(usize, usize, usize),
+    /// Camera.
+    Late(usize),
+    /// Camera.
+    Swapped(usize),
+    /// Of all balls.
+    Aside,
+}
+
+impl Value {
+    /// By how much it differs.
+    pub(super) fn change(self, from: &Bundle, to: &Bundle) -> f64 {
+        match self {
+            Value::Lens(c, i) => lens_of(&to.cameras[c])[i] - lens_of(&from.cameras[c])[i],
+            Value::Place(c, i) => extrinsics_change(&from.cameras[c], &to.cameras[c])[i],
+            Value::Marker(b, m, i) => to.markers[b][m].position[i] - from.markers[b][m].position[i],
+            Value::Late(c) => to.late_s[c] - from.late_s[c],
+            Value::Aside => to.aside - from.aside,
+            Value::Swapped(c) => to.swapped[c] - from.swapped[c],
+        }
+    }
 }
 
 /// The least-squares problem of a self-calibration.
@@ -135,22 +224,22 @@ pub struct SelfCalibrationProblem<'a> {
     lens_at: Vec<Option<usize>>,
     pub(super) place_at: Vec<Option<usize>>,
     marker_at: Vec<Vec<Option<usize>>>,
+    late_at: Vec<Option<usize>>,
+    swapped_at: Vec<Option<usize>>,
+    aside_at: Option<usize>,
     /// What makes each blob's residual of unit variance, by instant.
     whitening: Vec<Vec<Matrix2<f64>>>,
     /// The eye may also move, not only turn.
     eye_moves: bool,
     pub(super) noise: f64,
+    near_enough: f64,
 }
 
 impl<'a> SelfCalibrationProblem<'a> {
     /// The problem for some observations, with the prior mean and initial value `before`. Only
     /// observed markers are parameters.
-    pub fn new(
-        instants: &'a [FrameObservations],
-        before: Bundle,
-        known: &PriorSigmas,
-        eye_moves: bool,
-    ) -> Self {
+    pub fn new(instants: &'a [FrameObservations], before: Bundle, free: &Freedom, eye_moves: bool) -> Self {
+        let known = &free.known;
         // A blob with an invalid covariance gets no weight.
         let whiten = |s: &MarkerObservation| {
             s.covariance.cholesky().and_then(|c| c.l().try_inverse()).unwrap_or_default()
@@ -164,8 +253,12 @@ impl<'a> SelfCalibrationProblem<'a> {
             lens_at: vec![None; before.cameras.len()],
             place_at: vec![None; before.cameras.len()],
             marker_at: before.markers.iter().map(|m| vec![None; m.len()]).collect(),
+            late_at: vec![None; before.cameras.len()],
+            swapped_at: vec![None; before.cameras.len()],
+            aside_at: None,
             before,
             noise: 1.0,
+            near_enough: free.near_enough,
         };
         let seen = |of: &dyn Fn(&MarkerObservation) -> bool| instants.iter().any(|i| i.seen.iter().any(of));
         for c in 0..out.before.cameras.len() {
@@ -179,19 +272,33 @@ impl<'a> SelfCalibrationProblem<'a> {
                     out.push(Value::Lens(c, i), sigma);
                 }
             }
-            if known.camera_mm > 0.0 && known.camera_rad > 0.0 {
+            let own = free.of(Part::Camera(c));
+            if own.camera_mm > 0.0 && own.camera_rad > 0.0 {
                 out.place_at[c] = Some(out.values.len());
                 for i in 0..EXTRINSICS {
-                    let sigma = if i < 3 { known.camera_rad } else { known.camera_mm };
+                    let sigma = if i < 3 { own.camera_rad } else { own.camera_mm };
                     out.push(Value::Place(c, i), sigma);
                 }
             }
+            if free.clock_s > 0.0 {
+                out.late_at[c] = Some(out.values.len());
+                out.push(Value::Late(c), free.clock_s);
+            }
+            if free.parity_px > 0.0 && seen(&|s| s.camera == c && s.if_swapped_px != 0.0) {
+                out.swapped_at[c] = Some(out.values.len());
+                out.push(Value::Swapped(c), free.parity_px);
+            }
+        }
+        if free.aside > 0.0 {
+            out.aside_at = Some(out.values.len());
+            out.push(Value::Aside, free.aside);
         }
         for body in 0..out.before.markers.len() {
             for marker in 0..out.before.markers[body].len() {
-                if known.marker_mm > 0.0 && seen(&|s| (s.body, s.marker) == (body, marker)) {
+                let own = free.of(Part::Marker(body, marker)).marker_mm;
+                if own > 0.0 && seen(&|s| (s.body, s.marker) == (body, marker)) {
                     out.marker_at[body][marker] = Some(out.values.len());
-                    (0..3).for_each(|i| out.push(Value::Marker(body, marker, i), known.marker_mm));
+                    (0..3).for_each(|i| out.push(Value::Marker(body, marker, i), own));
                 }
             }
         }
@@ -237,7 +344,10 @@ impl<'a> SelfCalibrationProblem<'a> {
         let p = camera.in_camera(&point);
         let image = project(camera, &p)?;
         let whiten = self.whitening[block][blob] / self.noise;
-        let residual = whiten * (image.pixel - seen.pixel);
+        let swapped = Vector2::new(0.0, seen.if_swapped_px);
+        let aside = state.aside_px(seen, &image.pixel, p.z);
+        let pixel = image.pixel + swapped * state.swapped[seen.camera] + aside * state.aside;
+        let residual = whiten * (pixel - seen.pixel);
         let Some(columns) = columns else { return Some(residual) };
         columns.clear();
         let by_world = image.by_point * camera.camera_from_world;
@@ -248,6 +358,12 @@ impl<'a> SelfCalibrationProblem<'a> {
         add_columns(columns, shared(self.lens_at[seen.camera]), &whiten, &image.by_lens);
         add_columns(columns, shared(self.place_at[seen.camera]), &whiten, &by_place);
         add_columns(columns, shared(self.marker_at[seen.body][seen.marker]), &whiten, &by_marker);
+        let dt_s = seen.dt_s - state.late_s[seen.camera];
+        let [speed, turning] = self.instants[block].poses[seen.body]?.motion_to(2.0 * dt_s);
+        let by_late = -(by_world * (speed + turning.cross(&arm)));
+        add_columns(columns, shared(self.late_at[seen.camera]), &whiten, &by_late);
+        add_columns(columns, shared(self.swapped_at[seen.camera]), &whiten, &swapped);
+        add_columns(columns, shared(self.aside_at), &whiten, &aside);
         let before = columns.len();
         add_columns(columns, own.map(Unknown::Own), &whiten, &by_pose(&by_world, &arm));
         columns.truncate(before + self.own_of(seen.body));
@@ -296,7 +412,14 @@ impl Problem for SelfCalibrationProblem<'_> {
             Value::Place(camera, i) if i < 3 => format!("rotation of camera {camera}"),
             Value::Place(camera, _) => format!("translation of camera {camera}"),
             Value::Marker(body, marker, _) => format!("marker {marker} of {}", BODY_NAMES[body]),
+            Value::Late(camera) => format!("clock of camera {camera}"),
+            Value::Aside => "shift off the axis".into(),
+            Value::Swapped(camera) => format!("parity of camera {camera}"),
         }
+    }
+
+    fn near_enough(&self) -> f64 {
+        self.near_enough
     }
 
     fn blocks(&self) -> usize {
@@ -309,7 +432,7 @@ impl Problem for SelfCalibrationProblem<'_> {
 
     fn equations(&self, state: &Bundle, block: usize, out: &mut NormalEquations) {
         let (own, _) = self.own_at(block);
-        let mut columns = Vec::with_capacity(LENS + 2 * EXTRINSICS + 3);
+        let mut columns = Vec::with_capacity(LENS + 2 * EXTRINSICS + 6);
         for (blob, seen) in self.instants[block].seen.iter().enumerate() {
             let wanted = (!out.cost_only()).then_some(&mut columns);
             match self.image(state, block, blob, own[seen.body], wanted) {
@@ -321,13 +444,7 @@ impl Problem for SelfCalibrationProblem<'_> {
 
     fn prior(&self, state: &Bundle, out: &mut NormalEquations) {
         for (at, (value, sigma)) in self.values.iter().zip(&self.sigmas).enumerate() {
-            let off = match *value {
-                Value::Lens(c, i) => lens_of(&state.cameras[c])[i] - lens_of(&self.before.cameras[c])[i],
-                Value::Place(c, i) => extrinsics_change(&self.before.cameras[c], &state.cameras[c])[i],
-                Value::Marker(b, m, i) => {
-                    state.markers[b][m].position[i] - self.before.markers[b][m].position[i]
-                }
-            };
+            let off = value.change(&self.before, state);
             // The rotation's increment and its logarithm differ in second order only.
             out.add(
                 &Matrix1::new(off / sigma),
@@ -349,6 +466,11 @@ impl Problem for SelfCalibrationProblem<'_> {
                 move_extrinsics(camera, &SMatrix::<f64, EXTRINSICS, 1>::from_fn(|i, _| shared[at + i]));
             }
         }
+        for (values, ats) in [(&mut next.late_s, &self.late_at), (&mut next.swapped, &self.swapped_at)] {
+            let free = values.iter_mut().zip(ats).filter_map(|(value, at)| Some((value, (*at)?)));
+            free.for_each(|(value, at)| *value += shared[at]);
+        }
+        next.aside += self.aside_at.map_or(0.0, |at| shared[at]);
         for (markers, ats) in next.markers.iter_mut().zip(&self.marker_at) {
             for (marker, at) in markers.iter_mut().zip(ats) {
                 if let Some(at) = *at {

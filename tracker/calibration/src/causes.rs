@@ -17,6 +17,7 @@ mod places;
 mod progressive;
 mod remedy;
 mod search;
+pub mod together;
 
 pub use catalogue::Cause;
 pub use judge::{judge, judge_what_breaks};

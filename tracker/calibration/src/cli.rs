@@ -4,7 +4,7 @@ mod rig_file;
 mod stream;
 mod target;
 
-pub use stream::{Centre, LIMIT_PX, drift_report, fields_in, pivoted, shafts, turned, waved_report};
+pub use stream::{Centre, LIMIT_PX, drift_report, fields_in, judged, pivoted, shafts, turned, waved_report};
 pub use target::BoardArgs;
 
 use crate::lens::{LENS, LENS_NAMES};

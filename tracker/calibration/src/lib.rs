@@ -17,6 +17,7 @@ pub mod grid;
 pub mod known_target;
 pub mod lens;
 pub mod linear;
+pub mod mend;
 pub mod multi_camera;
 pub mod observations;
 pub mod pivot;

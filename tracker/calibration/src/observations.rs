@@ -3,7 +3,7 @@
 
 use crate::median;
 use nalgebra::{Isometry3, Matrix2, Vector2, Vector3};
-use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BlobField};
+use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BlobField, WHOLE_FRAME};
 use protocol::geometry::Validity;
 use protocol::limits::BODIES;
 use protocol::poses::TrackerFrame;
@@ -32,6 +32,10 @@ pub struct MarkerObservation {
     pub dt_s: f64,
     /// Area over the predicted one.
     pub area_ratio: f64,
+    /// By how much its line would be too large if the field's parity were swapped, px; 0 in a whole frame.
+    pub if_swapped_px: f64,
+    /// The part of its covariance that comes from carrying the pose.
+    pub carried: Matrix2<f64>,
 }
 
 /// A pose with its motion.
@@ -41,6 +45,15 @@ pub struct MovingPose {
     pub pose: Isometry3<f64>,
     /// Velocity (mm/s) and angular velocity (rad/s).
     pub motion: [Vector3<f64>; 2],
+    /// Their change, mm/s² and rad/s²; 0 where it is not known.
+    pub bending: [Vector3<f64>; 2],
+}
+
+impl MovingPose {
+    /// The mean motion from its instant to one `dt_s` later.
+    pub fn motion_to(&self, dt_s: f64) -> [Vector3<f64>; 2] {
+        [0, 1].map(|i| self.motion[i] + self.bending[i] * (0.5 * dt_s))
+    }
 }
 
 /// All observations of one tracker frame.
@@ -104,7 +117,11 @@ fn instant(
         let motion = [body.predictor.velocity_mm_s, body.predictor.angular_velocity_rad_s];
         let measured = body.validity() == Validity::Measured && body.blobs_used > 0;
         let pose = || body.world_from_body.isometry();
-        measured.then(|| MovingPose { pose: pose(), motion: motion.map(Vector3::from) })
+        measured.then(|| MovingPose {
+            pose: pose(),
+            motion: motion.map(Vector3::from),
+            bending: [Vector3::zeros(); 2],
+        })
     };
     let mut out = FrameObservations { exposed_ns, poses: std::array::from_fn(pose), seen: Vec::new() };
     for field in used {
@@ -112,7 +129,13 @@ fn instant(
         let Some(camera) = &model.cameras[field.camera as usize] else { continue };
         fields_of[index].fill(field, camera, &model.tuning);
         let dt_s = (field.exposed_ns as f64 - exposed_ns as f64) * 1e-9;
-        pair(model, &mut out, index, fields_of[index].blobs(), camera, dt_s);
+        let if_swapped_px = match field.parity {
+            WHOLE_FRAME => 0.0,
+            0 => -1.0,
+            _ => 1.0,
+        };
+        let from = Field { index, camera, dt_s, if_swapped_px };
+        pair(model, &mut out, fields_of[index].blobs(), &from);
     }
     (!out.seen.is_empty()).then_some(out)
 }
@@ -127,19 +150,21 @@ struct Expected {
     doubt: Matrix2<f64>,
 }
 
-/// Adds the observations of the markers in one field.
-fn pair(
-    model: &RigModel,
-    out: &mut FrameObservations,
+/// What is known of a field beside its blobs.
+struct Field<'a> {
     index: usize,
-    blobs: &[BlobObservation],
-    camera: &Camera,
+    camera: &'a Camera,
     dt_s: f64,
-) {
+    if_swapped_px: f64,
+}
+
+/// Adds the observations of the markers in one field.
+fn pair(model: &RigModel, out: &mut FrameObservations, blobs: &[BlobObservation], from: &Field<'_>) {
+    let Field { index, camera, dt_s, if_swapped_px } = *from;
     let doubt_mm = MOTION_DOUBT.0 * dt_s.abs() + MOTION_DOUBT.1 * dt_s * dt_s;
     let mut expected: Vec<Expected> = Vec::new();
     for (body, pose) in out.poses.iter().enumerate() {
-        let Some(MovingPose { pose, motion }) = pose else { continue };
+        let Some(MovingPose { pose, motion, .. }) = pose else { continue };
         let placed = BodyInField::new(model, camera.id as usize, pose, motion, dt_s);
         for (m, marker) in model.bodies[body].markers.iter().enumerate() {
             if let Some((image, _)) = placed.image(marker, camera) {
@@ -168,6 +193,8 @@ fn pair(
                 covariance: blob.covariance + e.doubt,
                 dt_s: model.lines[camera.id as usize].dt_s(dt_s, blob.pixel.y),
                 area_ratio: blob.area_px / e.area_px,
+                if_swapped_px,
+                carried: e.doubt,
             });
         }
     }

@@ -7,13 +7,13 @@
 //! along those directions the solution stays at the prior mean. The eye's centre is the world's
 //! origin by definition; the markers' distances carry the scale.
 
-use crate::bundle::{Bundle, FIXED_RIG, PriorSigmas, SelfCalibrationProblem, Value};
+use crate::bundle::{Bundle, FIXED_RIG, Freedom, PriorSigmas, SelfCalibrationProblem, Value};
 use crate::lens::{EXTRINSICS, LENS, by_extrinsics, project};
 use crate::observations::{FrameObservations, MarkerObservation, collect};
 use crate::solve::{Problem, Solution, solve};
 use crate::target_problem::{Residual, rms};
 use crate::{CalibrationError, degenerate};
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Point3, Vector3};
 use protocol::blobs::{BlobField, DEFAULT_VARIANCE_PX2};
 use protocol::limits::BODIES;
 use rig::Rig;
@@ -51,6 +51,22 @@ pub struct SelfCalibration {
     pub reduced_cost: f64,
     /// Iterations.
     pub iterations: usize,
+    /// What the stream says of the rig's parameters together.
+    pub(crate) shared: Shared,
+}
+
+/// What a stream says of parameters.
+pub(crate) struct Shared {
+    /// Which.
+    pub values: Vec<Value>,
+    /// Their prior standard deviations.
+    pub sigmas: Vec<f64>,
+    /// How far they were moved.
+    pub change: DVector<f64>,
+    /// Of them, with the prior, in units of the noise that is there.
+    pub covariance: DMatrix<f64>,
+    /// Noise of the blobs over that of their covariances.
+    pub noise: f64,
 }
 
 /// Least spread of markers across their longest line that determines a pose, mm.
@@ -68,11 +84,24 @@ pub fn refine(
     known: &PriorSigmas,
     progress: &mut dyn FnMut(usize, f64),
 ) -> Result<SelfCalibration, CalibrationError> {
-    let rough = known.rough(rig);
+    refine_free(rig, instants, &Freedom::from(*known), known.rough(rig), progress)
+}
+
+/// As [`refine`], with blobs that are deweighted by `rough` at first.
+///
+/// # Errors
+/// As [`refine`].
+pub fn refine_free(
+    rig: &Rig,
+    instants: &[FrameObservations],
+    free: &Freedom,
+    rough: f64,
+    progress: &mut dyn FnMut(usize, f64),
+) -> Result<SelfCalibration, CalibrationError> {
     let (instants, fitted) = fitted_with(rig, instants, false, rough)?;
     let instants = &instants;
     let before = residuals_of(instants, &fitted);
-    let mut problem = SelfCalibrationProblem::new(instants, fitted, known, false);
+    let mut problem = SelfCalibrationProblem::new(instants, fitted, free, false);
     // The residuals of a rough rig come from its errors, not from the blobs.
     problem.noise = rough;
     let mut solution = solve(&problem, problem.before.clone(), progress)?;
@@ -84,6 +113,66 @@ pub fn refine(
         solution = solve(&problem, solution.state, progress)?;
     }
     Ok(summary(&problem, solution, before))
+}
+
+/// Share of the doubt of a pose that is carried by differences of its neighbours.
+const SMOOTH: f64 = 0.04;
+/// Farthest that poses are carried without these, s.
+const TOGETHER_S: f64 = 1e-3;
+
+/// The usable instants of cameras that expose at other times, with motions by differences of poses fitted to them
+/// instead of those that the tracker knew then, which lag. Cameras that expose together need none.
+///
+/// # Errors
+/// As [`fitted`].
+pub fn smoothed(
+    rig: &Rig,
+    instants: &[FrameObservations],
+) -> Result<Vec<FrameObservations>, CalibrationError> {
+    let apart = instants.iter().flat_map(|i| &i.seen).any(|s| s.dt_s.abs() > TOGETHER_S);
+    if !apart {
+        return Ok(instants.to_vec());
+    }
+    let (mut instants, mut bundle) = fitted(rig, instants)?;
+    let doubtful = instants.clone();
+    for round in 0..2 {
+        for at in 0..instants.len() {
+            for body in 0..BODIES {
+                let Some(moving) = instants[at].poses[body].as_mut() else { continue };
+                let Some([motion, bending]) = differences(&doubtful, &bundle, at, body) else { continue };
+                (moving.motion, moving.bending) = (motion, bending);
+                let own = instants[at].seen.iter_mut().filter(|s| s.body == body && round == 0);
+                own.for_each(|s| s.covariance -= s.carried * (1.0 - SMOOTH));
+            }
+        }
+        if round == 0 {
+            bundle = fitted(rig, &instants)?.1;
+        }
+    }
+    Ok(instants)
+}
+
+/// Motion of a body and its change at an instant, by the two instants before it and after it.
+fn differences(
+    instants: &[FrameObservations],
+    bundle: &Bundle,
+    at: usize,
+    body: usize,
+) -> Option<[[Vector3<f64>; 2]; 2]> {
+    let now = bundle.poses[at][body]?;
+    let second = |i: usize| Some(instants.get(i)?.exposed_ns as f64 * 1e-9);
+    let [first, last] = [second(at.checked_sub(2)?)?, second(at + 2)?];
+    let step = (last - first) / 4.0;
+    let beside = |i: usize| {
+        let even = (second(i)? - second(at)? - (i as f64 - at as f64) * step).abs() < 0.1 * step;
+        let there = bundle.poses.get(i)?[body].filter(|_| even)?;
+        let turn = (there.rotation * now.rotation.inverse()).scaled_axis();
+        Some([there.translation.vector - now.translation.vector, turn])
+    };
+    let [f, e, b, c] = [beside(at - 2)?, beside(at - 1)?, beside(at + 1)?, beside(at + 2)?];
+    let motion = [0, 1].map(|i| ((b[i] - e[i]) * 8.0 - (c[i] - f[i])) / (12.0 * step));
+    let bending = [0, 1].map(|i| ((b[i] + e[i]) * 16.0 - (c[i] + f[i])) / (12.0 * step * step));
+    Some([motion, bending])
 }
 
 /// Default variances of a blob's column and line, px².
@@ -104,7 +193,21 @@ pub fn refine_stream(
     most: usize,
     progress: &mut dyn FnMut(usize, f64),
 ) -> Result<SelfCalibration, CalibrationError> {
-    let (mut doubt, mut current) = (known.rough(rig), rig.clone());
+    refine_stream_free(rig, fields, &Freedom::from(*known), most, progress)
+}
+
+/// As [`refine_stream`], with other freedoms.
+///
+/// # Errors
+/// As [`refine_stream`].
+pub fn refine_stream_free(
+    rig: &Rig,
+    fields: &[BlobField],
+    free: &Freedom,
+    most: usize,
+    progress: &mut dyn FnMut(usize, f64),
+) -> Result<SelfCalibration, CalibrationError> {
+    let (mut doubt, mut current) = (free.rough(rig), rig.clone());
     loop {
         let seen = if doubt > 1.0 {
             let deweighted: Vec<BlobField> = fields.iter().map(|f| deweighted(f, doubt)).collect();
@@ -113,10 +216,17 @@ pub fn refine_stream(
             blobs.for_each(|s| s.covariance /= doubt * doubt);
             seen
         } else {
-            spread(collect(&current, fields), most)
+            spread(
+                if free.near_enough > 0.0 {
+                    smoothed(&current, &collect(&current, fields))?
+                } else {
+                    collect(&current, fields)
+                },
+                most,
+            )
         };
         // The prior stays; only the poses start from better values.
-        let found = refine(rig, &seen, known, progress)?;
+        let found = refine_free(rig, &seen, free, free.rough(rig), progress)?;
         if doubt <= 1.0 {
             return every_camera_saw(rig, &found.residuals).map(|()| found);
         }
@@ -193,7 +303,7 @@ pub fn fitted_with(
         return Err(degenerate(problem));
     }
     let mut problem =
-        SelfCalibrationProblem::new(&instants, Bundle::new(rig, &instants), &FIXED_RIG, eye_moves);
+        SelfCalibrationProblem::new(&instants, Bundle::new(rig, &instants), &FIXED_RIG.into(), eye_moves);
     problem.noise = noise;
     let poses = solve(&problem, problem.before.clone(), &mut |_, _| {})?.state;
     Ok((instants, poses))
@@ -244,7 +354,7 @@ fn summary(
         match *value {
             Value::Lens(c, i) => sigmas[c][i] = sigma,
             Value::Place(c, i) => sigmas[c][LENS + i] = sigma,
-            Value::Marker(..) => {}
+            Value::Marker(..) | Value::Late(..) | Value::Swapped(..) | Value::Aside => {}
         }
         if sigma > 0.9 * problem.sigmas[at] {
             let name = problem.name(at);
@@ -261,6 +371,16 @@ fn summary(
         shifts_px: (0..cameras).map(|c| shift_of(problem, &solution, c)).collect(),
         reduced_cost: solution.cost / solution.freedom.max(1) as f64 * problem.noise * problem.noise,
         iterations: solution.iterations,
+        shared: Shared {
+            values: problem.values.clone(),
+            sigmas: problem.sigmas.clone(),
+            change: DVector::from_iterator(
+                problem.values.len(),
+                problem.values.iter().map(|v| v.change(&problem.before, &solution.state)),
+            ),
+            covariance: solution.covariance,
+            noise: problem.noise,
+        },
         bundle: solution.state,
     }
 }

@@ -76,6 +76,10 @@ pub trait Problem {
     fn shared(&self) -> usize;
     /// Name of a shared unknown, for messages.
     fn name(&self, shared: usize) -> String;
+    /// Distance to the minimum that is near enough, in standard deviations, where less than rounding allows is wanted.
+    fn near_enough(&self) -> f64 {
+        0.0
+    }
     /// Number of blocks.
     fn blocks(&self) -> usize;
     /// Number of own unknowns of a block.
@@ -284,9 +288,9 @@ impl Assembled {
     }
 
     /// True where what the undamped step would gain is nothing beside the noise.
-    fn at_minimum(&self, freedom: usize) -> bool {
+    fn at_minimum(&self, freedom: usize, near_enough: f64) -> bool {
         let noise = self.common.cost / freedom.max(1) as f64;
-        let near = DISTANCE_TOLERANCE * DISTANCE_TOLERANCE * noise;
+        let near = DISTANCE_TOLERANCE.max(near_enough).powi(2) * noise;
         self.step(0.0).is_some_and(|step| step.predicted >= 0.0 && step.predicted <= near)
     }
 
@@ -350,7 +354,7 @@ pub fn solve<P: Problem>(
     let freedom = equations - unknowns;
     for iteration in 0..MAX_ITERATIONS {
         progress(iteration, assembled.common.cost);
-        if assembled.at_minimum(freedom) {
+        if assembled.at_minimum(freedom, problem.near_enough()) {
             return finish(problem, state, &assembled, freedom, iteration);
         }
         let Some(next) = descend(problem, &state, &assembled, &mut damping) else {

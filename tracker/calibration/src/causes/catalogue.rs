@@ -76,6 +76,20 @@ pub enum Cause {
         /// Distance of the centres of projection, mm.
         shift_mm: f64,
     },
+    /// Two cameras stand otherwise, each in its own way.
+    CamerasMoved {
+        /// Their ids.
+        cameras: [u32; 2],
+    },
+    /// Several cameras or markers are beside their places.
+    Drifted,
+    /// Pictures have another size than the rig says.
+    PictureSize {
+        /// Of this camera; `None`: of all.
+        camera: Option<u32>,
+        /// Their width and height, px.
+        size_px: [u32; 2],
+    },
     /// A setting, or a number of rig or scene, has another value.
     KeyChanged {
         /// Where.
@@ -180,6 +194,8 @@ impl Cause {
             Cause::ClockShifted { .. } | Cause::Scale { .. } => 1,
             Cause::MarkerMoved { .. } => 3,
             Cause::CameraMoved { .. } => 6,
+            Cause::CamerasMoved { .. } => 12,
+            Cause::Drifted => 100,
             _ => 0,
         }
     }
@@ -202,6 +218,13 @@ impl Cause {
                 "calibrate the cameras' places with the true size of the target (vitreo calibrate dots or stereo)"
             }
             Cause::MarkerMoved { .. } => "fasten it, or calibrate the markers again (vitreo calibrate waved)",
+            Cause::PictureSize { .. } => {
+                "set the camera to the size that the rig file says, or calibrate its lens at the new size (vitreo calibrate intrinsics)"
+            }
+            Cause::CamerasMoved { .. } => {
+                "put them back, or calibrate again: vitreo calibrate waved after a small move, dots or stereo after a large one"
+            }
+            Cause::Drifted => "calibrate again: vitreo calibrate waved",
             Cause::CameraMoved { .. } => {
                 "put it back, or calibrate again: vitreo calibrate waved after a small move, dots or stereo after a large one"
             }
@@ -253,6 +276,19 @@ impl fmt::Display for Cause {
             }
             Cause::CameraMoved { camera, turn_deg, shift_mm } => {
                 write!(f, "camera {camera} was moved: turned by {turn_deg:.3}°, shifted by {shift_mm:.3} mm")
+            }
+            Cause::CamerasMoved { cameras: [a, b] } => {
+                write!(f, "cameras {a} and {b} were moved, each in its own way")
+            }
+            Cause::Drifted => {
+                f.write_str("several cameras or markers are beside their places in the rig file")
+            }
+            Cause::PictureSize { camera, size_px: [width, height] } => {
+                write!(
+                    f,
+                    "pictures of {} are {width} × {height} px large, unlike the rig's",
+                    of_camera(*camera)
+                )
             }
             between => write_difference(between, f),
         }

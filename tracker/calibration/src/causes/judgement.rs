@@ -42,8 +42,10 @@ pub struct Judgement {
     pub blobs: u64,
     /// Exposure from which on something is wrong, s after the first field; 0 from the start.
     pub since_s: f64,
-    /// True where the rig holds all the same: bodies are tracked, and what is left is small.
+    /// True where the rig holds: what is left is the noise of the stream.
     pub holds: bool,
+    /// Root mean square of what errors of the rig leave above the noise, px; all that is left where that is not known.
+    pub above_px: f64,
     /// The causes that explain it alike, those with the fewest parameters first.
     pub explanations: Vec<Explanation>,
     /// Causes that were tried.

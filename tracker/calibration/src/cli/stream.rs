@@ -3,17 +3,20 @@
 use super::{OutputArgs, positive, progress, with_spinner};
 use crate::CalibrationError;
 use crate::bundle::PriorSigmas;
+use crate::causes::{Judgement, Verdict, judge};
 use crate::drift_check::{self, DriftCheck};
+use crate::mend::{Mended, mend};
 use crate::observations::{FrameObservations, collect};
 use crate::pivot::{self, Pivot, Shaft};
 use crate::pose_file::{self, Poses};
 use crate::report::{Report, camera_report};
-use crate::self_calibration::{SelfCalibration, fitted, fitted_with, refine_stream, spread};
+use crate::self_calibration::{SelfCalibration, fitted, fitted_with, spread};
 use crate::target_problem::{rms, robust_sigma};
 use anyhow::{Context, ensure};
 use blob_stream::BlobReader;
 use ipc::logging::warn;
 use nalgebra::{Point3, Vector3};
+use outputs::exit::DIFFERS;
 use protocol::blobs::BlobField;
 use protocol::poses::{BODY_NAMES, EYE};
 use recording::{Item, Recording};
@@ -106,13 +109,6 @@ impl StreamArgs {
         };
         Ok((rig, fields))
     }
-
-    /// The rig and what was seen with it.
-    fn load(&self, path: &Path) -> anyhow::Result<(Rig, Vec<FrameObservations>)> {
-        let (rig, fields) = self.fields(path)?;
-        let seen = with_spinner("tracking", |_| spread(collect(&rig, &fields), self.instants));
-        Ok((rig, seen))
-    }
 }
 
 /// The fields of a recording, with its rig, or of a blob stream.
@@ -160,16 +156,50 @@ pub fn waved(args: &WavedArgs) -> anyhow::Result<ExitCode> {
         lens_px: args.lens_px.unwrap_or(0.0),
     };
     let most = args.from.instants;
-    let found = with_spinner("bundle adjustment", |tell| refine_stream(&rig, &fields, &known, most, tell))?;
-    let seen = spread(collect(&rig, &fields), most);
-    // A rig so rough that hardly anything is tracked with it has surely drifted.
-    let drifted = drift_check::check(&rig, &seen, LIMIT_PX).map_or(true, |d| d.drifted());
+    let judgement = judged(&rig, &fields);
+    let mended =
+        with_spinner("bundle adjustment", |tell| mend(&rig, &fields, &known, &judgement, most, tell))?;
+    let (found, held_out_px) = match mended {
+        Mended::Better { found, held_out_px } => (found, held_out_px),
+        Mended::Nothing(why) => return nothing_written(&args.output, "waved", &judgement, &why),
+    };
     let refined = found.bundle.rig(&rig);
-    let report = waved_report(&rig, &found, drifted);
+    let mut report = waved_report(&rig, &found, !judgement.holds);
+    report.notes.push(judgement.text());
+    let [before, after] = held_out_px;
+    report.figure("left of instants that took no part, before", before, "px");
+    report.figure("left of instants that took no part, after", after, "px");
     args.output.print(&report, &found.bundle.cameras, &found.residuals)?;
     // Checked as when it is read: a refined rig must be one.
     args.output.write(&Rig::parse(&refined.to_json(), "of the calibration")?.to_json())?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// Judges a stream, with a bar.
+pub fn judged(rig: &Rig, fields: &[BlobField]) -> Judgement {
+    let bar = progress("causes", None);
+    let judgement = judge(rig, fields, |done, all| {
+        bar.set_length(all as u64);
+        bar.set_position(done as u64);
+        true
+    });
+    bar.finish_and_clear();
+    judgement
+}
+
+/// Says that nothing was written, and why; the launcher's code for a verification that found a difference.
+fn nothing_written(
+    output: &OutputArgs,
+    task: &'static str,
+    judgement: &Judgement,
+    why: &str,
+) -> anyhow::Result<ExitCode> {
+    let mut report = Report { task, ..Report::default() };
+    report.notes.push(judgement.text());
+    report.notes.push(format!("nothing was written: {why}"));
+    output.print(&report, &[], &[])?;
+    warn(&format!("nothing was written: {why}"));
+    Ok(ExitCode::from(DIFFERS))
 }
 
 /// What a refined rig is told of.
@@ -217,9 +247,23 @@ pub fn waved_report(rig: &Rig, found: &SelfCalibration, drifted: bool) -> Report
 /// # Errors
 /// A stream or rig that cannot be read, or too few usable instants.
 pub fn drift(args: &DriftArgs) -> anyhow::Result<ExitCode> {
-    let (rig, instants) = args.from.load(&args.stream)?;
-    let found = drift_check::check(&rig, &instants, args.limit_px)?;
-    let report = drift_report(&rig, &found, args.limit_px);
+    let (rig, fields) = args.from.fields(&args.stream)?;
+    let judgement = judged(&rig, &fields);
+    ensure!(
+        judgement.verdict != Verdict::TooLittle,
+        "{}: {}: is it a stream of this rig, and some seconds long?",
+        args.stream.display(),
+        judgement.text()
+    );
+    let seen = with_spinner("tracking", |_| spread(collect(&rig, &fields), args.from.instants));
+    let found = match drift_check::check(&rig, &seen, args.limit_px) {
+        Ok(found) => found,
+        Err(_) if !judgement.holds => {
+            return nothing_written(&args.output, "drift", &judgement, "the rig does not hold");
+        }
+        Err(problem) => return Err(problem.into()),
+    };
+    let report = drift_report(&rig, &found, args.limit_px, &judgement);
     args.output.print(&report, &[], &[])?;
     // The rig stays as it is; the result is what was found of it.
     args.output.write(&report.to_json().to_string())?;
@@ -232,11 +276,15 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<ExitCode> {
         ));
     }
     // The launcher's code for a verification that found a difference.
-    Ok(if found.drifted() { ExitCode::from(5) } else { ExitCode::SUCCESS })
+    let holds = !found.drifted() && judgement.holds;
+    if !judgement.holds {
+        warn(&judgement.text());
+    }
+    Ok(if holds { ExitCode::SUCCESS } else { ExitCode::from(DIFFERS) })
 }
 
 /// What a check for drift found.
-pub fn drift_report(rig: &Rig, found: &DriftCheck, limit_px: f64) -> Report {
+pub fn drift_report(rig: &Rig, found: &DriftCheck, limit_px: f64, judgement: &Judgement) -> Report {
     let mut report = Report { task: "drift", rms_px: found.rms_px, ..Report::default() };
     report.figure("instants", found.instants as f64, "");
     report.figure("limit", limit_px, "px");
@@ -250,8 +298,16 @@ pub fn drift_report(rig: &Rig, found: &DriftCheck, limit_px: f64) -> Report {
             "",
         );
     }
-    let verdict = if found.drifted() { "the rig has drifted" } else { "the rig holds" };
+    report.figure("above the noise of the stream", judgement.above_px, "px");
+    let verdict = match (found.drifted(), judgement.holds) {
+        (false, true) => "the rig holds",
+        (true, _) => "the rig has drifted",
+        (false, false) => "the rig does not hold",
+    };
     report.notes.push(verdict.into());
+    if !judgement.holds {
+        report.notes.push(judgement.text());
+    }
     report
 }
 
@@ -267,7 +323,17 @@ pub fn pivot(args: &PivotArgs) -> anyhow::Result<ExitCode> {
         }
         None => {
             let path = args.stream.as_deref().context("a stream is needed")?;
-            let (rig, instants) = args.from.load(path)?;
+            let (rig, fields) = args.from.fields(path)?;
+            let judgement = judged(&rig, &fields);
+            if !judgement.holds {
+                return nothing_written(
+                    &args.output,
+                    "pivot",
+                    &judgement,
+                    "pivots of a rig that does not hold are elsewhere",
+                );
+            }
+            let instants = with_spinner("tracking", |_| spread(collect(&rig, &fields), args.from.instants));
             let (poses, centre) = turned(&rig, &instants)?;
             (rig, poses, Some(centre))
         }

@@ -1,0 +1,83 @@
+//! `cargo run --release -p validation --example judge -- [--seeds 200] [--from 20001]`: planted defects, and what the
+//! commands say of them. Every second seed has a rig of its own. Prints the table of `docs/calibration.md`.
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use validation::judged::{Said, said};
+use validation::planted::Defect;
+
+fn main() {
+    let words: Vec<String> = std::env::args().collect();
+    let number = |name: &str, usual: u64| {
+        let at = words.iter().position(|w| w == name);
+        at.map_or(usual, |at| words.get(at + 1).and_then(|n| n.parse().ok()).expect("a number"))
+    };
+    let (seeds, from) = (number("--seeds", 200), number("--from", 20_001));
+    let (next, all) = (AtomicU64::new(from), Mutex::new(Vec::new()));
+    let work = || {
+        loop {
+            let seed = next.fetch_add(1, Ordering::Relaxed);
+            if seed >= from + seeds {
+                break;
+            }
+            let found = said(seed, seed % 2 == 1);
+            told(&found);
+            all.lock().expect("no thread panics").push(found);
+        }
+    };
+    std::thread::scope(|scope| (0..2).for_each(|_| drop(scope.spawn(work))));
+    let all = all.into_inner().expect("no thread panics");
+    table(&all);
+    println!(
+        "\n{} streams of seeds {from} to {}, {} on rigs of their own",
+        all.len(),
+        from + seeds - 1,
+        count(&all, |s| s.whole)
+    );
+    println!("said to hold though it does not: {}", count(&all, Said::holds_wrongly));
+    println!("an innocent blamed, and nobody else: {}", count(&all, Said::is_blamed_wrongly));
+    println!("false alarms: {}", count(&all, Said::is_false_alarm));
+    println!("right: {} of {}", count(&all, |s| s.right), all.len());
+}
+
+/// What was compared.
+fn told(said: &Said) {
+    let rig = if said.whole { "own rig" } else { "shipped rig" };
+    let verdict = if said.right { "right" } else { "NOT NAMED" };
+    eprintln!(
+        "seed {} ({rig}), planted: {}\n    {verdict}: {}\n    drift and pivot: {}; waved: {}; replay: {}",
+        said.seed,
+        said.truth,
+        said.judgement.text(),
+        if said.drift_holds { "the rig holds" } else { "it does not" },
+        match &said.waved {
+            Ok([before, after]) => format!("held-out instants {before:.3} -> {after:.3} px"),
+            Err(why) => format!("nothing written, {why}"),
+        },
+        if said.replay_is_silent { "silent" } else { "warns" },
+    );
+}
+
+fn count(all: &[Said], of: impl Fn(&Said) -> bool) -> usize {
+    all.iter().filter(|said| of(said)).count()
+}
+
+fn table(all: &[Said]) {
+    println!(
+        "| defect | streams | named alone | among several | not named | `drift`, `pivot`: holds | `waved` writes | `replay` warns |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
+    for defect in Defect::ALL {
+        let of = |test: &dyn Fn(&Said) -> bool| count(all, |s| s.defect == defect && test(s));
+        println!(
+            "| {defect:?} | {} | {} | {} | {} | {} | {} | {} |",
+            of(&|_| true),
+            of(&|s| s.right && s.judgement.explanations.len() <= 1),
+            of(&|s| s.right && s.judgement.explanations.len() > 1),
+            of(&|s| !s.right),
+            of(&|s| s.drift_holds),
+            of(&|s| s.waved.is_ok()),
+            of(&|s| !s.replay_is_silent),
+        );
+    }
+}

@@ -1,0 +1,88 @@
+//! What the commands say of streams with planted defects, seed by seed: `make judge`.
+
+use crate::planted::{Defect, Planted, is_truth, plant_on, whole_rig};
+use crate::streams::Scenario;
+use calibration::bundle::PriorSigmas;
+use calibration::causes::{Cause, Judgement, Verdict, judge, judge_what_breaks};
+use calibration::drift_check;
+use calibration::mend::{Mended, mend};
+use calibration::observations::collect;
+use calibration::self_calibration::spread;
+use rig::Rig;
+use rig::sensor::Scan;
+
+/// Length of a stream, s.
+const SECONDS: f64 = 4.0;
+/// Instants that `drift` and `waved` use.
+const INSTANTS: usize = 200;
+
+/// What was said of a stream.
+pub struct Said {
+    /// Seed.
+    pub seed: u64,
+    /// On a rig of its own.
+    pub whole: bool,
+    /// What was planted.
+    pub defect: Defect,
+    /// The same in words.
+    pub truth: String,
+    /// What the judge says.
+    pub judgement: Judgement,
+    /// True if the planted cause is named, or nothing is where nothing was planted.
+    pub right: bool,
+    /// True if `drift` (and `pivot`, by the same judgement) says that the rig holds.
+    pub drift_holds: bool,
+    /// What `waved` does: the residuals of held-out instants before and after, px, or why nothing is written.
+    pub waved: Result<[f64; 2], String>,
+    /// True if `replay` says nothing at its end.
+    pub replay_is_silent: bool,
+}
+
+impl Said {
+    /// An innocent was named, and nobody else.
+    pub fn is_blamed_wrongly(&self) -> bool {
+        self.judgement.verdict == Verdict::Explained && !self.right && self.judgement.explanations.len() == 1
+    }
+
+    /// Something is wrong, and the rig is said to hold.
+    pub fn holds_wrongly(&self) -> bool {
+        self.defect != Defect::None && self.drift_holds
+    }
+
+    /// Nothing is wrong, and something is said to be.
+    pub fn is_false_alarm(&self) -> bool {
+        self.defect == Defect::None && !self.drift_holds
+    }
+}
+
+/// Draws the stream of a seed; what is planted follows from the seed.
+pub fn draw(seed: u64, whole: bool) -> (Defect, Planted) {
+    let rig = if whole { whole_rig(seed) } else { Rig::load_or_shipped(None).expect("the shipped rig") };
+    let interlaced = rig.sensors().iter().all(|s| s.scan != Scan::Progressive);
+    // Whole pictures have no parity, and are not taken for halves.
+    let needs_fields = |d: &Defect| matches!(d, Defect::ParitySwapped | Defect::Progressive);
+    let kinds: Vec<Defect> = Defect::ALL.into_iter().filter(|d| interlaced || !needs_fields(d)).collect();
+    let defect = kinds[(seed as usize) % kinds.len()];
+    let scenario = if (seed / 16).is_multiple_of(4) { Scenario::Async } else { Scenario::Nominal };
+    (defect, plant_on(rig, defect, scenario, seed, SECONDS, 0.0))
+}
+
+/// Everything that is said of the stream of a seed.
+pub fn said(seed: u64, whole: bool) -> Said {
+    let (defect, planted) = draw(seed, whole);
+    let Planted { rig, fields, truth, .. } = planted;
+    let judgement = judge(&rig, &fields, |_, _| true);
+    let named = |cause: &Cause| judgement.explanations.iter().any(|e| is_truth(&e.cause, cause));
+    let right = truth.as_ref().map_or(judgement.verdict == Verdict::NothingWrong, named);
+    let seen = spread(collect(&rig, &fields), INSTANTS);
+    let checked = drift_check::check(&rig, &seen, calibration::cli::LIMIT_PX);
+    let drift_holds = judgement.holds && checked.is_ok_and(|c| !c.drifted());
+    let waved = match mend(&rig, &fields, &PriorSigmas::default(), &judgement, INSTANTS, &mut |_, _| {}) {
+        Ok(Mended::Better { held_out_px, .. }) => Ok(held_out_px),
+        Ok(Mended::Nothing(why)) => Err(why),
+        Err(problem) => Err(problem.to_string()),
+    };
+    let replay_is_silent = judge_what_breaks(&rig, &fields, |_, _| true).paragraph(0.0).is_none();
+    let truth = truth.map_or("nothing".into(), |c| c.to_string());
+    Said { seed, whole, defect, truth, judgement, right, drift_holds, waved, replay_is_silent }
+}
