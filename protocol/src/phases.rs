@@ -71,7 +71,7 @@ phases! {
         Fit = "fit",
         /// Filters take the fits.
         Filter = "filter",
-        /// What became of every blob, and whether a camera was moved.
+        /// Whether a camera was moved.
         WatchCameras = "watch cameras",
         /// Search for bodies that are lost.
         Acquire = "acquire",
@@ -79,8 +79,10 @@ phases! {
         Drift = "drift",
         /// Poses, covariances and status into the message.
         WritePoses = "write poses",
-        /// Poses, then matches.
+        /// Poses leave.
         SendPoses = "send poses",
+        /// What no pose of the frame waits for: what became of every blob, drift of the rig, and matches leave.
+        FollowUp = "follow up",
         /// The tracker's state, every 2 s.
         SaveTracker = "checkpoint",
     }

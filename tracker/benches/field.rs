@@ -1,16 +1,22 @@
 //! `cargo bench -p tracker --bench field [-- --json]`: what one frame costs on one core.
 //!
-//! Streams are those of the tests. Times are of `Tracker::track` alone; the median is over all
+//! Streams are those of the tests. Times are those of the tracker alone; the median is over all
 //! frames, the maximum over the frames' least of five runs, so that other programs do not count.
 //!
 //! - `full triple`: three genlocked cameras, everything visible;
 //! - `64 blobs a camera`: the same with false blobs of the markers' colours up to 64 in each field;
 //! - `a camera left out`: one was moved by 5 px and is being resected;
-//! - `search, 64 blobs a camera`: every body is lost before every frame.
+//! - `search, 64 blobs a camera`: every body is lost before every frame;
+//! - `full triple, its poses`: until they can be sent; what follows is not in it;
+//! - `full triple, cold caches`, and its poses: 64 MB of other memory were walked through before every frame, as where
+//!   other programs had the processor between two fields.
 
 use blob_stream::BlobReader;
+use bytemuck::Zeroable;
 use protocol::blobs::{Blob, BlobField};
 use protocol::limits::MAX_BLOBS;
+use protocol::phases::Unmarked;
+use protocol::poses::TrackerFrame;
 use rig::Rig;
 use std::hint::black_box;
 use std::path::PathBuf;
@@ -74,18 +80,48 @@ fn moved(frames: &[Frame]) -> Vec<Frame> {
     all
 }
 
-/// Least time of every frame, ns.
-fn times(rig: &Rig, frames: &[Frame], lost: bool) -> Vec<u64> {
-    let mut least = vec![u64::MAX; frames.len()];
+/// What happens before every frame, outside of its time.
+#[derive(Clone, Copy, PartialEq)]
+enum Before {
+    Nothing,
+    /// Every body is lost.
+    Lost,
+    /// Other memory is walked through, so that nothing of the tracker's is in a cache.
+    Cold,
+}
+
+/// More than the caches of any processor's core, and of most processors.
+const OTHER_BYTES: usize = 64 << 20;
+/// Of a cache, bytes.
+const LINE: usize = 64;
+
+/// Least times of every frame, ns.
+struct Times {
+    /// Until its poses can be sent.
+    poses: Vec<u64>,
+    /// With what follows.
+    all: Vec<u64>,
+}
+
+fn times(rig: &Rig, frames: &[Frame], before: Before) -> Times {
+    let mut other = vec![0u8; if before == Before::Cold { OTHER_BYTES } else { 0 }];
+    let mut least = Times { poses: vec![u64::MAX; frames.len()], all: vec![u64::MAX; frames.len()] };
+    let mut frame = TrackerFrame::zeroed();
     for _ in 0..RUNS {
         let mut tracker = Tracker::new(rig);
-        for ((used, reference), least) in frames.iter().zip(&mut least) {
-            if lost {
+        let places = least.poses.iter_mut().zip(&mut least.all);
+        for ((used, reference), (poses, all)) in frames.iter().zip(places) {
+            if before == Before::Lost {
                 tracker.reset();
             }
+            other.iter_mut().step_by(LINE).for_each(|byte| *byte = byte.wrapping_add(1));
+            black_box(&mut other);
             let begin = Instant::now();
-            black_box(tracker.track(black_box(used), reference));
-            *least = (*least).min(begin.elapsed().as_nanos() as u64);
+            tracker.track_into(&mut frame, black_box(used), reference, &mut Unmarked);
+            black_box(&mut frame);
+            *poses = (*poses).min(begin.elapsed().as_nanos() as u64);
+            tracker.follow_up(used);
+            *all = (*all).min(begin.elapsed().as_nanos() as u64);
         }
     }
     least
@@ -95,11 +131,15 @@ fn main() {
     let json = std::env::args().any(|a| a == "--json");
     let (rig, plain) = frames("nominal");
     let clutter = cluttered(&plain);
+    let [warm, cold] = [Before::Nothing, Before::Cold].map(|before| times(&rig, &plain, before));
     let methods = [
-        ("full triple", times(&rig, &plain, false)[START..].to_vec()),
-        ("64 blobs a camera", times(&rig, &clutter, false)[START..].to_vec()),
-        ("a camera left out", times(&rig, &moved(&plain), false)[LEFT_OUT].to_vec()),
-        ("search, 64 blobs a camera", times(&rig, &clutter, true)),
+        ("full triple", warm.all[START..].to_vec()),
+        ("full triple, its poses", warm.poses[START..].to_vec()),
+        ("64 blobs a camera", times(&rig, &clutter, Before::Nothing).all[START..].to_vec()),
+        ("a camera left out", times(&rig, &moved(&plain), Before::Nothing).all[LEFT_OUT].to_vec()),
+        ("search, 64 blobs a camera", times(&rig, &clutter, Before::Lost).all),
+        ("full triple, cold caches", cold.all[START..].to_vec()),
+        ("its poses, cold caches", cold.poses[START..].to_vec()),
     ];
     for (method, mut ns) in methods {
         ns.sort_unstable();

@@ -78,7 +78,7 @@ impl AssociationInput<'_> {
 }
 
 /// Blobs assigned to markers.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Association {
     /// Matches of each body, nearest first.
     pub matches: [Vec<BlobMatch>; BODIES],

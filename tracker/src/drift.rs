@@ -339,6 +339,11 @@ impl DriftEstimator {
         }
     }
 
+    /// True if the next part of the solution is its last, by which the rig moves.
+    pub fn moves_next(&self) -> bool {
+        self.column + COLUMNS >= self.parameters
+    }
+
     /// Computes a part of the solution. True if that was the last part and `rig` was moved.
     pub fn step(&mut self, rig: &mut RigModel) -> bool {
         let n = self.parameters;

@@ -67,6 +67,10 @@ pub struct InstrumentFilter {
     /// Running ratio of the NIS to its expectation.
     nis_ratio: f64,
     covariance: [Row; N],
+    /// P·Hᵀ, covariance of the whole state with the pose, and the pose's own: many ask for them, between changes of
+    /// the state that are few ([`InstrumentFilter::renew_cross`]).
+    cross: Columns,
+    pose_covariance: Matrix6,
     /// Instant of the state, ns.
     pub time_ns: u64,
     tuning: Tuning,
@@ -103,6 +107,8 @@ impl InstrumentFilter {
             voluntary_variance: tuning.voluntary_mm_s2 * tuning.voluntary_mm_s2,
             nis_ratio: 1.0,
             covariance: [[0.0; N]; N],
+            cross: [[0.0; N]; 6],
+            pose_covariance: Matrix6::zeros(),
             time_ns,
             tuning,
             bank: TremorBank::new(tuning.tremor_ripple_db),
@@ -111,6 +117,7 @@ impl InstrumentFilter {
         filter.vectors[0] = tip;
         filter.vectors[PLAY] = axis * lever - to_pivot;
         filter.start_covariance(pose_covariance, &axis, lever);
+        filter.renew_cross();
         filter
     }
 
@@ -236,6 +243,7 @@ impl InstrumentFilter {
             self.add_noise(&step, dt);
         }
         self.mirror();
+        self.renew_cross();
         self.time_ns = time_ns;
     }
 
@@ -292,36 +300,30 @@ impl InstrumentFilter {
         }
     }
 
-    /// P·Hᵀ: covariance of the whole state with the pose.
-    fn cross(&self) -> Columns {
+    /// Computes what the state and its covariance say of the pose; after every change of them.
+    fn renew_cross(&mut self) {
         let (axis, lever) = self.shaft();
-        let mut cross = [[0.0; N]; 6];
         for (r, row) in self.covariance.iter().enumerate() {
             let (tip, turn) = pose_part(row, &axis, lever);
             for i in 0..3 {
-                cross[i][r] = tip[i];
-                cross[3 + i][r] = turn[i];
+                self.cross[i][r] = tip[i];
+                self.cross[3 + i][r] = turn[i];
             }
         }
-        cross
-    }
-
-    /// Covariance of the pose.
-    pub fn pose_covariance(&self) -> Matrix6 {
-        self.pose_covariance_from(&self.cross())
-    }
-
-    fn pose_covariance_from(&self, cross: &Columns) -> Matrix6 {
-        let (axis, lever) = self.shaft();
         let mut pose = Matrix6::zeros();
-        for (c, column) in cross.iter().enumerate() {
+        for (c, column) in self.cross.iter().enumerate() {
             let (tip, turn) = pose_part(column, &axis, lever);
             for i in 0..3 {
                 pose[(i, c)] = tip[i];
                 pose[(3 + i, c)] = turn[i];
             }
         }
-        (pose + pose.transpose()) * 0.5
+        self.pose_covariance = (pose + pose.transpose()) * 0.5;
+    }
+
+    /// Covariance of the pose.
+    pub fn pose_covariance(&self) -> Matrix6 {
+        self.pose_covariance
     }
 
     /// Updates the state with the pose of maximum posterior and its covariance. `prior_inverse` is
@@ -334,9 +336,8 @@ impl InstrumentFilter {
         prior_inverse: &Matrix6,
     ) -> bool {
         let delta = box_minus(posterior, &self.pose());
-        let cross = self.cross();
-        let gain = product(&cross, prior_inverse);
-        let shrink = self.pose_covariance_from(&cross) - covariance;
+        let gain = product(&self.cross, prior_inverse);
+        let shrink = self.pose_covariance - covariance;
         let weighted = product(&gain, &shrink);
         let mut change = [0.0; N];
         let mut left: Row = std::array::from_fn(|r| self.covariance[r][r]);
@@ -361,6 +362,7 @@ impl InstrumentFilter {
             x[1] += change[ROLL_TREMOR + 2 * i + 1];
         }
         self.rotation = aligned(posterior.rotation, &self.vectors, &self.pivot);
+        self.renew_cross();
         self.adapt_to_nis(delta.dot(&(prior_inverse * delta)), (prior_inverse * shrink).trace());
         true
     }
@@ -397,6 +399,7 @@ impl InstrumentFilter {
                 self.covariance[axis][axis] += sigma * sigma;
             }
         }
+        self.renew_cross();
         self.voluntary_variance = k::VOLUNTARY_RANGE_MM2_S4.1;
     }
 
@@ -415,6 +418,7 @@ impl InstrumentFilter {
         self.covariance[ROLL + 2][ROLL + 2] += push[2] * push[2];
         let rest = (turn_rad.abs() - 2.0 * push[0]).max(0.0);
         self.covariance[ROLL][ROLL] += rest * rest;
+        self.renew_cross();
     }
 
     /// Damps the rate of a roll that has not been observed for long, over `dt` seconds.

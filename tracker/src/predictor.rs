@@ -73,6 +73,9 @@ pub struct TipPredictor {
     count: usize,
     /// Instant of the newest sample, ns.
     time_ns: u64,
+    /// The middle and the long predictor have learnt from the newest sample, but their covariances have not. No
+    /// prediction before the next sample depends on those.
+    owed: [bool; 2],
     /// The interpolation where the newest sample is at the frame's instant.
     on_grid: Interpolation,
 }
@@ -89,13 +92,14 @@ impl Default for TipPredictor {
             samples: [Sample::default(); LONG + 2],
             count: 0,
             time_ns: 0,
+            owed: [false; 2],
             on_grid: interpolation(&node_times(0.0)),
         }
     }
 }
 
 impl TipPredictor {
-    /// Writes all but the interpolation, which is always the same.
+    /// Writes all but the interpolation, which is always the same. Nothing is owed.
     pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
         let TipPredictor { short, middle, long, errors, predictions, samples, .. } = self;
         let TipPredictor { count, time_ns, on_grid: _, .. } = self;
@@ -135,23 +139,47 @@ impl TipPredictor {
         self.long.interrupt();
     }
 
+    /// Takes the newest sample into the covariances of the middle and the long predictor, where that is not yet done.
+    /// True if one of them was no covariance any more, and all began anew.
+    pub fn follow_up(&mut self) -> bool {
+        let [middle, long] = std::mem::take(&mut self.owed);
+        if middle {
+            self.middle.observe(&self.bends());
+        }
+        if long {
+            self.long.observe(&self.bends());
+        }
+        let valid = (!middle || self.middle.is_valid()) && (!long || self.long.is_valid());
+        if !valid {
+            self.begin_anew();
+        }
+        !valid
+    }
+
     /// Begins anew where something that it has learnt is not finite: a prediction can always be made from
     /// the filter alone, so nothing is withheld for its sake. True if it did.
     pub fn recover(&mut self) -> bool {
-        let learnt = self.short.is_valid() && self.middle.is_valid() && self.long.is_valid();
+        let learnt = self.short.is_valid() && self.middle.is_finite() && self.long.is_finite();
         let errors = self.errors.iter().flatten().all(|e| e.is_finite());
         let tips = self.predictions.iter().flatten().flatten().chain(self.samples.iter().map(|s| &s.tip));
         let valid = learnt && errors && tips.flat_map(|tip| tip.iter()).all(|v| v.is_finite());
         if !valid {
-            self.short.restart();
-            self.middle.restart();
-            self.long.restart();
-            self.errors = [[NEGLIGIBLE_MM2; PREDICTIONS]; HORIZONS];
-            self.predictions = [[[Vector3::zeros(); PREDICTIONS]; HORIZONS]; HORIZONS];
-            self.samples = [Sample::default(); LONG + 2];
-            self.count = 0;
+            // As its counts stand after any sample.
+            self.follow_up();
+            self.begin_anew();
         }
         !valid
+    }
+
+    #[cold]
+    fn begin_anew(&mut self) {
+        self.short.restart();
+        self.middle.restart();
+        self.long.restart();
+        self.errors = [[NEGLIGIBLE_MM2; PREDICTIONS]; HORIZONS];
+        self.predictions = [[[Vector3::zeros(); PREDICTIONS]; HORIZONS]; HORIZONS];
+        self.samples = [Sample::default(); LONG + 2];
+        self.count = 0;
     }
 
     /// Steps of the grid from its newest sample to a frame of cameras of that period: to the nearest point of the
@@ -165,20 +193,20 @@ impl TipPredictor {
     }
 
     /// Adds the tip at `exposed_ns`, a frame of cameras of that period; `tip_after` returns the tip at instants
-    /// relative to that, s.
+    /// relative to that, s. True if it was taken: one between two points of the grid is not.
     pub fn observe(
         &mut self,
         exposed_ns: u64,
         period_ns: u64,
         measured: bool,
         tip_after: impl Fn(f64) -> Vector3<f64>,
-    ) {
+    ) -> bool {
         let fields = self.steps_to(exposed_ns, period_ns);
         if self.count > 0 && fields == 0 && exposed_ns >= self.time_ns {
-            return;
+            return false;
         }
         if self.count == 0 && !measured {
-            return;
+            return false;
         }
         if self.count == 0 || exposed_ns <= self.time_ns || fields > MAX_FILL {
             self.interrupt();
@@ -194,9 +222,11 @@ impl TipPredictor {
                 std::array::from_fn(|h| tip_after(dt + (h + 1) as f64 * FIELD_PERIOD_NS as f64 * 1e-9));
             self.push(Sample { tip: tip_after(dt), measured: measured && left == 0 }, filtered);
         }
+        true
     }
 
     fn push(&mut self, sample: Sample, filtered: [Vector3<f64>; HORIZONS]) {
+        self.follow_up();
         self.samples.rotate_right(1);
         self.samples[0] = sample;
         self.count = (self.count + 1).min(proven_after(LONG) + 1);
@@ -207,13 +237,15 @@ impl TipPredictor {
         });
         if self.count > SHORT + 1 {
             self.update_errors(&sample);
-            self.short.update(&self.bends(), &moved);
+            self.short.learn(&moved);
+            self.short.observe(&self.bends());
         }
-        if self.count > MIDDLE + 1 {
-            self.middle.update(&self.bends(), &moved);
+        self.owed = [MIDDLE, LONG].map(|bends| self.count > bends + 1);
+        if self.owed[0] {
+            self.middle.learn(&moved);
         }
-        if self.count > LONG + 1 {
-            self.long.update(&self.bends(), &moved);
+        if self.owed[1] {
+            self.long.learn(&moved);
         }
         self.predictions.rotate_right(1);
         self.predictions[0] = self.predict(&filtered);

@@ -26,6 +26,10 @@ use rig::Rig;
 use saving::Saving;
 use std::collections::VecDeque;
 
+/// Fields taken in a turn. Where they come as fast as they are tracked there is no last one, and a turn without an end
+/// would count as a sleep, after which fields are passed over.
+const FIELDS_A_TURN: usize = 8 * MAX_FIELDS_USED;
+
 /// Runs the tracker until it is asked to stop.
 ///
 /// # Errors
@@ -49,6 +53,8 @@ struct TrackerProcess {
     newest: VecDeque<BlobField>,
     /// Fields passed over after a sleep.
     passed_over: u64,
+    /// The turn before ended with its fields, and more may lie ready.
+    more: bool,
     /// Field of the newest frame.
     newest_field: u64,
     /// From field to field of a camera, ns.
@@ -73,14 +79,20 @@ impl TrackerProcess {
             withheld: 0,
             newest: VecDeque::with_capacity(MAX_FIELDS_USED),
             passed_over: 0,
+            more: false,
             newest_field: 0,
             period_ns: rig.field_period_ns(),
         })
     }
 
-    /// Takes in all fields that have arrived, and closes frames.
+    /// Takes in the fields that have arrived, and closes frames.
     fn receive_fields(&mut self) -> anyhow::Result<()> {
-        while let Some(field) = self.blobs.next_sample()? {
+        self.more = true;
+        for _ in 0..FIELDS_A_TURN {
+            let Some(field) = self.blobs.next_sample()? else {
+                self.more = false;
+                break;
+            };
             let at = now();
             let about = About::camera(field.field, field.camera);
             // The assembler counts refusals; the count is published with every frame.
@@ -92,6 +104,10 @@ impl TrackerProcess {
             while let Some(closed) = self.assembler.complete(at) {
                 self.publish(&closed)?;
             }
+        }
+        if self.more {
+            // What a frame waits for may lie ready.
+            return Ok(());
         }
         let at = now();
         while let Some(closed) = self.assembler.expired(at) {
@@ -123,11 +139,13 @@ impl TrackerProcess {
             built = shell.trace.begin();
             checked.is_ok()
         })?;
+        let sent = self.shell.trace.end(Phase::SendPoses, about, built);
+        self.shell.trace.end(Phase::Track, about, begun);
+        self.tracker.follow_up(self.assembler.used());
         match checked {
-            Ok(()) => self.follow_up(about, built)?,
+            Ok(()) => self.send_matches(about, sent)?,
             Err(invalid) => self.withhold(&invalid),
         }
-        self.shell.trace.end(Phase::Track, about, begun);
         Ok(())
     }
 
@@ -141,9 +159,9 @@ impl TrackerProcess {
     }
 
     /// Sends what nobody waits for, after the poses, for which somebody waits.
-    fn follow_up(&mut self, about: About, built: Nanos) -> anyhow::Result<()> {
+    fn send_matches(&mut self, about: About, sent: Nanos) -> anyhow::Result<()> {
         self.matches.send(self.tracker.matches())?;
-        let begun = self.shell.trace.end(Phase::SendPoses, about, built);
+        let begun = self.shell.trace.end(Phase::FollowUp, about, sent);
         if self.saving.save_if_due(&self.tracker)? {
             self.shell.trace.end(Phase::SaveTracker, about, begun);
         }
@@ -170,7 +188,8 @@ impl Work<anyhow::Error> for TrackerProcess {
     /// Until a field comes, at most until the assembler's next deadline. A field that comes just
     /// before it is in time.
     fn rest(&mut self) {
-        self.shell.rest(&[&self.blobs], self.assembler.deadline(now()).unwrap_or(Nanos::MAX));
+        let until = if self.more { 0 } else { self.assembler.deadline(now()).unwrap_or(Nanos::MAX) };
+        self.shell.rest(&[&self.blobs], until);
     }
 
     /// No pose of the past goes out as the present.

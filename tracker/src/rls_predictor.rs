@@ -147,9 +147,9 @@ impl<const L: usize> RlsPredictor<L> {
         }
     }
 
-    /// Updates the weights with a field: `bends` are the last bends, newest first, `moved` what the tip
-    /// moved over the last 1, 2 … fields beyond going straight on, where all of that was measured.
-    pub fn update(&mut self, bends: &[Vector3<f64>; L], moved: &[Option<Vector3<f64>>; HORIZONS]) {
+    /// Updates the weights with a field: `moved` is what the tip moved over the last 1, 2 … fields beyond going
+    /// straight on, where all of that was measured. [`RlsPredictor::observe`] follows, before the next field.
+    pub fn learn(&mut self, moved: &[Option<Vector3<f64>>; HORIZONS]) {
         for (h, moved) in moved.iter().enumerate() {
             let Some(moved) = moved else { continue };
             let update = &self.pending[h];
@@ -159,6 +159,11 @@ impl<const L: usize> RlsPredictor<L> {
                 *weights += gain * error;
             }
         }
+    }
+
+    /// Takes the last bends, newest first, into the covariance of the weights, and learns a movement that may come at
+    /// any time. Without such movements it changes no weight.
+    pub fn observe(&mut self, bends: &[Vector3<f64>; L]) {
         self.forget();
         let mut update = PendingUpdate::NONE;
         for (axis, (gain, kept)) in update.gains.iter_mut().zip(&mut update.bends).enumerate() {
@@ -226,7 +231,12 @@ impl<const L: usize> RlsPredictor<L> {
 
     /// True if everything that it has learnt is finite, and the covariance positive definite.
     pub fn is_valid(&self) -> bool {
-        self.learnt.covariance.is_valid() && self.learnt.weights.iter().flatten().all(|w| w.is_finite())
+        self.learnt.covariance.is_valid() && self.is_finite()
+    }
+
+    /// True if its weights are.
+    pub fn is_finite(&self) -> bool {
+        self.learnt.weights.iter().flatten().all(|w| w.is_finite())
     }
 
     /// What the tip will move over the next 1, 2 … fields beyond going straight on.
@@ -284,7 +294,8 @@ mod tests {
             let h = h as i64 + 1;
             Some(beyond(tip, n - h, h))
         });
-        predictor.update(&bends(tip, n), &moved);
+        predictor.learn(&moved);
+        predictor.observe(&bends(tip, n));
     }
 
     fn check<const L: usize>(predictor: &RlsPredictor<L>, tip: impl Fn(i64) -> Vector3<f64> + Copy, n: i64) {
@@ -351,7 +362,8 @@ mod tests {
         let mut predictor = RlsPredictor::<8>::new(0.02, 0.0);
         let still = [Vector3::zeros(); 8];
         for _ in 0..20_000 {
-            predictor.update(&still, &[Some(Vector3::zeros()); HORIZONS]);
+            predictor.learn(&[Some(Vector3::zeros()); HORIZONS]);
+            predictor.observe(&still);
         }
         assert!(predictor.is_valid());
         assert!(predictor.predict(&[Vector3::new(0.01, 0.0, 0.0); 8]).iter().all(|d| d.norm() < 0.4));

@@ -107,10 +107,13 @@ impl Track {
     }
 
     /// Ends the track; its last pose stays in the published state.
+    #[cold]
     pub fn lose(&mut self) {
-        if let Some(filter) = self.filter.take() {
+        // Where it lies: a filter is large.
+        if let Some(filter) = &self.filter {
             self.last_pose = filter.pose();
             self.last_covariance = filter.pose_covariance();
+            self.filter = None;
         }
         self.seen_ns = [0; MAX_CAMERAS];
         self.predictor.interrupt();
@@ -230,6 +233,11 @@ impl Track {
         }
     }
 
+    /// Does what the newest state left to be done.
+    pub fn follow_up(&mut self) {
+        self.restarts += u64::from(self.predictor.follow_up());
+    }
+
     /// The published state at `exposed_ns`, after the fields of `cameras` (a set).
     pub fn state(&mut self, rig: &RigModel, body: usize, exposed_ns: u64, cameras: u32) -> BodyState {
         let model = &rig.bodies[body];
@@ -250,13 +258,10 @@ impl Track {
         if let Some(filter) = self.filter.as_ref().filter(|_| !model.is_eye) {
             let since = exposed_ns.wrapping_sub(filter.time_ns()) as i64 as f64 * 1e-9;
             let tip_after = |dt: f64| filter.pose_after(since + dt).translation.vector;
-            self.predictor.observe(
-                exposed_ns,
-                rig.at_rate.period_ns,
-                validity == Validity::Measured,
-                tip_after,
-            );
-            self.restarts += u64::from(self.predictor.recover());
+            let measured = validity == Validity::Measured;
+            if self.predictor.observe(exposed_ns, rig.at_rate.period_ns, measured, tip_after) {
+                self.restarts += u64::from(self.predictor.recover());
+            }
             self.predictor.write_to(exposed_ns, tip_after, &mut state.predictor);
         }
         state.validity = validity as u32;

@@ -1,5 +1,6 @@
 //! From camera-fields to poses. Pure: the state depends on the consumed fields in their order only.
 
+mod follow_up;
 mod saved;
 mod update;
 
@@ -7,10 +8,9 @@ pub use saved::TrackerSnapshot;
 pub(crate) use saved::{load_place, save_place};
 
 use crate::acquisition::Acquisition;
-use crate::associate::{Association, Associator};
+use crate::associate::Associator;
 use crate::camera_watch::{CameraWatch, Notice};
 use crate::drift::{DriftEstimator, DriftReport};
-use crate::fit::PoseFit;
 use crate::instrument_filter::Pivot;
 use crate::match_log::MatchLog;
 use crate::observation::FieldObservation;
@@ -18,6 +18,7 @@ use crate::rig_model::RigModel;
 use crate::track::Track;
 use crate::tuning::Tuning;
 use bytemuck::Zeroable;
+use follow_up::Owed;
 use protocol::blobs::BlobField;
 use protocol::limits::{BODIES, MAX_CAMERAS, MAX_FIELDS_USED};
 use protocol::matches::MatchFrame;
@@ -59,6 +60,8 @@ pub struct Tracker {
     associator: Associator,
     acquisition: Acquisition,
     matches: MatchLog,
+    /// What the newest frame left to be done.
+    owed: Owed,
     last_ns: u64,
     frame: u64,
     /// Set of the cameras whose fields are in the present frame.
@@ -75,13 +78,6 @@ struct Group {
     seen: u32,
     /// Instant of the update, ns.
     time_ns: u64,
-}
-
-/// What one group of camera-fields brought.
-struct Update {
-    association: Association,
-    /// Fits that the filters accepted, by body.
-    accepted: [Option<PoseFit>; BODIES],
 }
 
 impl Tracker {
@@ -111,6 +107,7 @@ impl Tracker {
             associator: Associator::default(),
             acquisition: Acquisition::default(),
             matches: MatchLog::default(),
+            owed: Owed::default(),
             last_ns: 0,
             frame: 0,
             cameras_in_frame: 0,
@@ -118,7 +115,7 @@ impl Tracker {
         }
     }
 
-    /// What became of the blobs of the newest frame.
+    /// What became of the blobs of the newest frame that was followed up.
     pub fn matches(&self) -> &MatchFrame {
         self.matches.frame()
     }
@@ -149,9 +146,19 @@ impl Tracker {
         self.frame = frame;
     }
 
+    /// Ends all tracks, and forgets what they have learnt. Tracks are large: whoever has room for new ones on its stack
+    /// touches every page of it, whether it makes them or not.
+    #[cold]
+    #[inline(never)]
+    fn forget_tracks(&mut self) {
+        for track in self.tracks.iter_mut() {
+            *track = Track::default();
+        }
+    }
+
     /// Forgets everything; the next frame has number 0.
     pub fn reset(&mut self) {
-        *self.tracks = Default::default();
+        self.forget_tracks();
         self.area_scales = [1.0; MAX_CAMERAS];
         self.last_ns = 0;
         for field in self.fields.iter_mut() {
@@ -172,10 +179,12 @@ impl Tracker {
     pub fn track(&mut self, used: &[BlobField], reference: &Reference) -> TrackerFrame {
         let mut frame = TrackerFrame::zeroed();
         self.track_into(&mut frame, used, reference, &mut Unmarked);
+        self.follow_up(used);
         frame
     }
 
-    /// As [`Tracker::track`], into `frame`, whatever it held; the end of each phase is marked on `phases`, which
+    /// As [`Tracker::track`], into `frame`, whatever it held, and without what no pose of this frame depends on:
+    /// [`Tracker::follow_up`] does that once the frame was sent. The end of each phase is marked on `phases`, which
     /// changes no result.
     pub fn track_into(
         &mut self,
@@ -185,16 +194,18 @@ impl Tracker {
         phases: &mut impl Phases,
     ) {
         let used = &used[..used.len().min(MAX_FIELDS_USED)];
+        // Where the frame before was not followed up, nothing but its matches is missing.
+        self.follow_up(&[]);
         self.begin_frame(frame, reference);
-        let mut newest = None;
         for group in groups(used, self.rig.at_rate.group_ns) {
-            match self.update(group, reference, phases) {
-                Some(update) => self.recycle(newest.replace(update)),
-                None => self.matches.note_unknown(group),
+            self.note_owed_matches(used);
+            self.take_fields(group.len());
+            if self.update(group, reference, phases, used).is_none() {
+                self.matches.note_unknown(group);
             }
             self.list_fields(group, frame);
         }
-        self.estimate_drift(newest, reference.exposed_ns);
+        self.owe_drift(used, reference.exposed_ns);
         phases.ended(Phase::Drift);
         self.predict(reference.exposed_ns);
         phases.ended(Phase::Predict);
@@ -209,7 +220,8 @@ impl Tracker {
         fields: &[BlobField],
         reference: &Reference,
         phases: &mut impl Phases,
-    ) -> Option<Update> {
+        used: &[BlobField],
+    ) -> Option<()> {
         let group = self.observe(fields, reference)?;
         phases.ended(Phase::Observe);
         self.predict(group.time_ns);
@@ -222,12 +234,12 @@ impl Tracker {
         phases.ended(Phase::Fit);
         let accepted = self.filter(group, &estimate);
         phases.ended(Phase::Filter);
-        self.note_matches(fields, [admitted, group], &prior, &estimate, &accepted);
-        self.watch_cameras(group);
+        self.owe_matches(fields.len(), [admitted, group], prior, estimate, accepted);
+        self.watch_cameras(group, used);
         phases.ended(Phase::WatchCameras);
-        self.acquire(group);
+        self.acquire(group, used);
         phases.ended(Phase::Acquire);
-        Some(Update { association: estimate.association, accepted })
+        Some(())
     }
 
     fn begin_frame(&mut self, frame: &mut TrackerFrame, reference: &Reference) {
@@ -261,22 +273,6 @@ impl Tracker {
         Some(Pivot { position, sigma: trocar.sigma, tracked: true })
     }
 
-    /// Adds one body's residuals in the frame's newest update to the drift estimation, and computes
-    /// a part of its solution.
-    fn estimate_drift(&mut self, newest: Option<Update>, exposed_ns: u64) {
-        let looks = self.looks_at_rig(exposed_ns);
-        if let Some(drift) = self.drift.as_mut().filter(|_| looks) {
-            let body = drift.next_body();
-            let accepted = newest.as_ref().and_then(|update| Some((update, update.accepted[body].as_ref()?)));
-            if let (Some((update, fit)), Some(filter)) = (accepted, &self.tracks[body].filter) {
-                let matches = &update.association.matches[body];
-                drift.add_residuals(&self.rig, body, &fit.pose, &filter.motion(), matches);
-            }
-            drift.step(&mut self.rig);
-        }
-        self.recycle(newest);
-    }
-
     /// True for a frame from which drift is estimated: one in 20 ms, and where cameras have different rates one with a
     /// field of the slowest, unless that is silent.
     fn looks_at_rig(&self, exposed_ns: u64) -> bool {
@@ -287,12 +283,6 @@ impl Tracker {
             return at_rate.looks_at_rig(exposed_ns);
         }
         since_ns < at_rate.period_ns / 2 && at_rate.looks_at_camera(slowest, self.fields[slowest].exposed_ns)
-    }
-
-    fn recycle(&mut self, update: Option<Update>) {
-        if let Some(update) = update {
-            self.associator.recycle(update.association);
-        }
     }
 
     /// Lists the fields of a group in the frame.

@@ -93,6 +93,7 @@ impl Subject for Frames<'_> {
         if !traced {
             self.tracker.track_into(&mut self.frame, used, reference, &mut Unmarked);
             black_box(&self.frame);
+            self.tracker.follow_up(used);
             return;
         }
         // A field of each camera, the frame, and its sending.
@@ -105,6 +106,9 @@ impl Subject for Frames<'_> {
         black_box(&self.frame);
         self.note(Phase::SendPoses, about);
         self.trace.end(Phase::Track, about, begun);
+        let begun = self.trace.begin();
+        self.tracker.follow_up(used);
+        self.trace.end(Phase::FollowUp, about, begun);
     }
 
     fn spans(&self) -> u64 {

@@ -11,7 +11,7 @@ impl InstrumentFilter {
     pub fn motion_given_pose(&self, pose_information: &Matrix6) -> MotionGivenPose {
         let part = |row: &Row| self.motion_part(row);
         let mut with_pose = Matrix6::zeros();
-        for (c, column) in self.cross().iter().enumerate() {
+        for (c, column) in self.cross.iter().enumerate() {
             with_pose.column_mut(c).copy_from_slice(&part(column));
         }
         let mut columns = [[0.0; N]; 6];

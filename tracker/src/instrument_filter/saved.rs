@@ -12,6 +12,8 @@ impl InstrumentFilter {
         let InstrumentFilter { vectors, roll_rate, roll_acceleration, roll_tremor, rotation, .. } = self;
         let InstrumentFilter { pivot, tremor_variance, roll_tremor_variance, voluntary_variance, .. } = self;
         let InstrumentFilter { nis_ratio, covariance, time_ns, tuning: _, bank: _, nis_gain: _, .. } = self;
+        // Computed from the covariance.
+        let InstrumentFilter { cross: _, pose_covariance: _, .. } = self;
         out.put(time_ns)?;
         out.rotation(rotation)?;
         out.numbers(vectors.iter().flatten())?;
@@ -37,6 +39,7 @@ impl InstrumentFilter {
         from.numbers(pivot.position.iter_mut().chain([&mut pivot.sigma]))?;
         pivot.tracked = from.take()?;
         from.square(N, |r, c, number| filter.covariance[r][c] = number)?;
+        filter.renew_cross();
         Ok(filter)
     }
 }

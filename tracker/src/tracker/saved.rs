@@ -55,7 +55,8 @@ impl Tracker {
     pub(crate) fn save_state(&self, out: &mut Saver<'_>) -> Done {
         let Tracker { rig, fingerprint: _, drift, watch, without_eye, tracks, fields, .. } = self;
         let Tracker { area_scales, associator: _, acquisition: _, matches: _, last_ns, frame, .. } = self;
-        let Tracker { cameras_in_frame: _, blobs_refused, .. } = self;
+        let Tracker { cameras_in_frame: _, blobs_refused, owed, .. } = self;
+        debug_assert!(owed.is_nothing(), "a frame is saved after it was followed up");
         for count in [u64::from(*without_eye), *last_ns, *frame, *blobs_refused] {
             out.put(&count)?;
         }

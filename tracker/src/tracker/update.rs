@@ -6,7 +6,6 @@ use crate::associate::{Association, AssociationInput, PredictedBody};
 use crate::body_filter::BodyFilter;
 use crate::camera_watch::{BodyUpdate, CameraWatch, members};
 use crate::fit::{BlobMatch, PoseFit, PoseProblem, TrocarInWorld, trocar_miss};
-use crate::match_log::UpdateResult;
 use crate::observation::FieldObservation;
 use crate::pose_math::{Matrix6, box_minus, exp};
 use crate::rig_model::RigModel;
@@ -18,16 +17,16 @@ use protocol::limits::{BODIES, MAX_CAMERAS};
 use protocol::poses::EYE;
 
 /// Fits by body.
-type Fits = [Option<PoseFit>; BODIES];
+pub(super) type Fits = [Option<PoseFit>; BODIES];
 
 /// Poses fitted to associated blobs.
 pub(super) struct Estimate {
     pub association: Association,
-    fits: Fits,
+    pub fits: Fits,
 }
 
 impl Group {
-    fn input<'a>(
+    pub(super) fn input<'a>(
         self,
         rig: &'a RigModel,
         fields: &'a [FieldObservation; MAX_CAMERAS],
@@ -54,7 +53,7 @@ impl Tracker {
             return None;
         }
         if self.last_ns > 0 && time_ns.abs_diff(self.last_ns) > k::MAX_GAP_NS {
-            *self.tracks = std::array::from_fn(|_| Track::default());
+            self.forget_tracks();
             self.last_ns = 0;
         }
         // A field that came late is used at its own instant, from the newer state.
@@ -69,10 +68,20 @@ impl Tracker {
     }
 
     /// Judges the evidence about the cameras, and resects those that are left out.
-    pub(super) fn watch_cameras(&mut self, group: Group) {
+    pub(super) fn watch_cameras(&mut self, group: Group, used: &[BlobField]) {
         let Some(watch) = &mut self.watch else { return };
         watch.judge(group.seen, group.time_ns);
         let newly_left_out = watch.take_newly_left_out();
+        if (watch.left_out() & group.seen) | newly_left_out != 0 {
+            // The cameras may move.
+            self.note_owed_matches(used);
+            self.place_cameras(group, newly_left_out);
+        }
+    }
+
+    /// Forgets what is known of cameras that were left out just now, and resects those that are.
+    fn place_cameras(&mut self, group: Group, newly_left_out: u32) {
+        let Some(watch) = &mut self.watch else { return };
         if let Some(drift) = self.drift.as_mut().filter(|_| newly_left_out != 0) {
             drift.roll_back(newly_left_out, &mut self.rig);
         }
@@ -275,27 +284,6 @@ impl Tracker {
         std::array::from_fn(|body| self.tracks[body].predicted())
     }
 
-    /// Records what became of the blobs of an update: of the cameras of the first group, which are not left
-    /// out, those of the second were tracked.
-    pub(super) fn note_matches(
-        &mut self,
-        fields: &[BlobField],
-        [admitted, tracked]: [Group; 2],
-        prior: &[Option<PredictedBody>; BODIES],
-        estimate: &Estimate,
-        accepted: &Fits,
-    ) {
-        let result = UpdateResult {
-            input: tracked.input(&self.rig, &self.fields, &self.area_scales),
-            admitted: admitted.cameras,
-            prior,
-            association: &estimate.association,
-            fits: &estimate.fits,
-            accepted: accepted.each_ref().map(Option::is_some),
-        };
-        self.matches.note(fields, &result);
-    }
-
     /// Where the trocar of a body is now, by the newest rotation of the eye.
     fn trocar(&self, body: usize, fits: &Fits) -> Option<TrocarInWorld> {
         let trocar = self.rig.bodies[body].trocar?;
@@ -311,7 +299,7 @@ impl Tracker {
     }
 
     /// Searches bodies that are lost, or soon will be, among the blobs that no body took.
-    pub(super) fn acquire(&mut self, group: Group) {
+    pub(super) fn acquire(&mut self, group: Group, used: &[BlobField]) {
         let trusted = !self.watch.as_ref().map_or(0, |w| w.left_out());
         for body in ORDER {
             let needs_trocar =
@@ -320,12 +308,12 @@ impl Tracker {
                 && !needs_trocar
                 && let Some(fit) = self.search(group, body, trusted)
             {
-                self.initiate(group, body, &fit);
+                self.initiate(group, body, &fit, used);
             }
         }
         self.without_eye = if self.tracks[EYE].filter.is_some() { 0 } else { self.without_eye + 1 };
         if self.without_eye > 0 && self.without_eye.is_multiple_of(self.rig.at_rate.without_eye_updates) {
-            self.find_eye_without_a_camera(group);
+            self.find_eye_without_a_camera(group, used);
         }
         if self.without_eye == self.rig.at_rate.disagree_updates
             && self.sees_eye_markers(group.time_ns)
@@ -362,7 +350,8 @@ impl Tracker {
     }
 
     /// Begins a track with the pose and the blobs found last.
-    fn initiate(&mut self, group: Group, body: usize, fit: &PoseFit) {
+    fn initiate(&mut self, group: Group, body: usize, fit: &PoseFit, used: &[BlobField]) {
+        self.note_owed_matches(used);
         let pivot = self.pivot(body, group.time_ns);
         let matches = &self.acquisition.matches;
         let cameras = self.cameras_in_frame;
@@ -374,7 +363,7 @@ impl Tracker {
     }
 
     /// The eye is always there. Where it is found without one of the cameras only, that one was moved.
-    fn find_eye_without_a_camera(&mut self, group: Group) {
+    fn find_eye_without_a_camera(&mut self, group: Group, used: &[BlobField]) {
         let mut found: [Option<f64>; MAX_CAMERAS] = std::array::from_fn(|camera| {
             let may = self.watch.as_ref().is_some_and(|w| w.may_leave_out(camera));
             may.then(|| self.search(group, EYE, !(1 << camera))).flatten()?.reduced_chi2()
@@ -387,7 +376,7 @@ impl Tracker {
         }
         if let (Some(fit), Some(watch)) = (self.search(group, EYE, !(1 << camera)), &mut self.watch) {
             watch.accuse(camera, 0.0, group.time_ns);
-            self.initiate(group, EYE, &fit);
+            self.initiate(group, EYE, &fit, used);
         }
     }
 }
