@@ -2,18 +2,12 @@
 
 use crate::pictures::{PicturesArgs, of_size};
 use anyhow::Result;
-use calibration::CalibrationError;
-use calibration::board::{Board, BoardError};
+use calibration::board::{BoardError, Target};
 use calibration::grey_image::GreyImage;
-use calibration::lens::LENS;
-use calibration::linear::target_in_camera;
-use calibration::target_problem::{
-    FreeParameters, Residual, Robustness, Scene, TargetProblem, TargetView, calibrate, camera_pose, rms,
-};
+pub use calibration::halves::{half, rms_with};
+use calibration::target_problem::TargetView;
 use fpga_model::input::Picture;
-use nalgebra::Isometry3;
 use rig::Rig;
-use rig::camera::Camera;
 use std::collections::BTreeMap;
 
 /// Fewest pictures of a camera that show the board.
@@ -56,7 +50,7 @@ fn grey(picture: &Picture) -> GreyImage {
 ///
 /// # Errors
 /// Pictures that cannot be read, or are of another size than the rig says.
-pub fn look(rig: &Rig, args: &PicturesArgs, board: &Board) -> Result<Boards> {
+pub fn look(rig: &Rig, args: &PicturesArgs, board: &Target) -> Result<Boards> {
     let ids: Vec<u32> = rig.cameras.iter().map(|c| c.id).collect();
     let feeds = args.feeds(&ids)?;
     let mut views: BTreeMap<String, usize> = BTreeMap::new();
@@ -90,7 +84,9 @@ pub fn look(rig: &Rig, args: &PicturesArgs, board: &Board) -> Result<Boards> {
                 let name = format!("camera {camera}, {file}");
                 seen.sheets.push(TargetView { name, camera: seen.index, view, samples });
             }
-            Err(BoardError::Incomplete { .. }) => seen.parts_only += 1,
+            Err(BoardError::Incomplete { .. } | BoardError::Few { .. } | BoardError::Unnamed { .. }) => {
+                seen.parts_only += 1;
+            }
             Err(BoardError::Nothing(_)) => {}
         }
         Ok(())
@@ -172,38 +168,6 @@ impl Seen {
         }
         NAMES.into_iter().zip(seen).filter(|(_, seen)| !seen).map(|(name, _)| name).collect()
     }
-}
-
-/// Every second of some sheets, by view: `odd` or even ones.
-pub fn half(sheets: &[TargetView], odd: bool) -> Vec<TargetView> {
-    let mut views: Vec<usize> = sheets.iter().map(|s| s.view).collect();
-    views.sort_unstable();
-    views.dedup();
-    let mine = |view: usize| views.binary_search(&view).is_ok_and(|at| (at % 2 == 1) == odd);
-    sheets.iter().filter(|s| mine(s.view)).cloned().collect()
-}
-
-/// Residuals of sheets with the cameras as they are, the board laid where it fits best.
-///
-/// # Errors
-/// Sheets in which the board cannot be laid.
-pub fn residuals_with(cameras: &[Camera], sheets: &[TargetView]) -> Result<Vec<Residual>, CalibrationError> {
-    let views = sheets.iter().map(|s| s.view + 1).max().unwrap_or(0);
-    let place = |view: usize| {
-        let Some(sheet) = sheets.iter().find(|s| s.view == view) else { return Ok(Isometry3::identity()) };
-        let camera = &cameras[sheet.camera];
-        Ok(camera_pose(camera).inverse() * target_in_camera(camera, &sheet.samples)?)
-    };
-    let places = (0..views).map(place).collect::<Result<Vec<_>, CalibrationError>>()?;
-    let held = FreeParameters { lens: [false; LENS], place: false };
-    let problem = TargetProblem::new(sheets, vec![held; cameras.len()], false, views);
-    let scene = Scene { cameras: cameras.to_vec(), views: places };
-    Ok(calibrate(problem, scene, Robustness::Huber, &mut |_, _| {})?.residuals)
-}
-
-/// Their root mean square length, px; infinite where the board cannot be laid at all.
-pub fn rms_with(cameras: &[Camera], sheets: &[TargetView]) -> f64 {
-    residuals_with(cameras, sheets).map_or(f64::INFINITY, |r| rms(r.into_iter()))
 }
 
 #[cfg(test)]

@@ -5,7 +5,6 @@ use crate::folder::{Outcome, Record};
 use crate::pictures::PicturesArgs;
 use crate::{Refused, refuse};
 use anyhow::{Context, Result};
-use calibration::board::Board;
 use calibration::cli::BoardArgs;
 use calibration::lens::{LENS, LENS_NAMES, lens_of};
 use calibration::residual_plot::ResidualPicture;
@@ -46,7 +45,7 @@ pub struct LensesArgs {
 /// # Errors
 /// Pictures that cannot be read, or show too little of the board.
 pub fn run(rig: &Rig, args: &LensesArgs) -> Result<Outcome> {
-    let board: Board = args.board.board()?;
+    let board = args.board.board()?;
     let Boards { cameras } = look(rig, &args.pictures, &board)?;
     refuse(cameras.iter().flat_map(|seen| seen.advice(true)).collect())?;
     let free = LENS_NAMES.map(|name| !args.without.iter().any(|w| w == name));

@@ -145,6 +145,13 @@ pub fn pictures() -> Vec<Vec<u8>> {
     ]
 }
 
+/// A board of which all corners are found.
+pub fn charuco_pictures() -> Vec<Vec<u8>> {
+    use calibration::{board::Target, charuco::CharucoBoard, printed::Printed};
+    let board = CharucoBoard::parse("5x4,10,8,DICT_4X4_50").expect("a board");
+    vec![Printed::new(&Target::Charuco(board), 4.0).png(3.0 * 25.4).expect("a small picture")]
+}
+
 /// Pictures as large as a photograph of the fundus must be.
 pub fn photographs() -> Vec<Vec<u8>> {
     let plain = image::RgbImage::from_pixel(512, 512, image::Rgb([180, 90, 40]));

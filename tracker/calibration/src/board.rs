@@ -1,5 +1,6 @@
-//! Boards in pictures: chessboards and grids of dots, as points in a known order.
+//! Boards in pictures: chessboards, grids of dots and ChArUco boards, as points in a known order.
 
+use crate::charuco::CharucoBoard;
 use crate::grey_image::GreyImage;
 use crate::grid::{self, Node};
 use crate::target_problem::Correspondence;
@@ -44,6 +45,44 @@ pub enum BoardError {
         /// Largest connected set.
         found: usize,
     },
+    /// Corners, but no markers that say which.
+    #[error(
+        "found {corners} corners, but no two markers of the board that say which they are: check --charuco (and --legacy)"
+    )]
+    Unnamed {
+        /// Corners of any board.
+        corners: usize,
+    },
+    /// Some named corners, but too few for a view.
+    #[error("found {found} corners of the board, expected at least {fewest} that do not lie on a line")]
+    Few {
+        /// Corners with names.
+        found: usize,
+        /// How many are needed.
+        fewest: usize,
+    },
+}
+
+/// Any board that is looked for in pictures.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Target {
+    /// A board that is seen whole or not at all.
+    Whole(Board),
+    /// A board whose corners have names, so that parts of it do.
+    Charuco(CharucoBoard),
+}
+
+impl Target {
+    /// The points of the board that a picture shows.
+    ///
+    /// # Errors
+    /// A picture without the board, or with too small a part of it.
+    pub fn find(&self, picture: &GreyImage) -> Result<Vec<Correspondence>, BoardError> {
+        match self {
+            Target::Whole(board) => board.find(picture),
+            Target::Charuco(board) => board.find(picture),
+        }
+    }
 }
 
 /// Pictures are first looked at no larger than this; the points are then refined at full size.

@@ -1,5 +1,8 @@
 //! `vitreo calibrate`: the command line of the calibrations.
 
+mod board;
+mod checks;
+mod fixed;
 mod rig_file;
 mod stream;
 mod target;
@@ -48,13 +51,15 @@ pub enum Task {
     Stereo(target::StereoArgs),
     /// Places (and lenses) of cameras that see dots of known places, from a point list or picture
     /// of each.
-    Dots(target::DotsArgs),
+    Dots(fixed::DotsArgs),
     /// Places of cameras and markers, from a stream of waved instruments and the rig as it was.
     Waved(stream::WavedArgs),
     /// Trocars and the eye's centre, from shafts and an eye that turn about them.
     Pivot(stream::PivotArgs),
     /// Whether a rig still holds, from a recent stream; exit code 5 if it has drifted.
     Drift(stream::DriftArgs),
+    /// A board to be printed, as SVG or PNG of its true size.
+    Board(board::DrawArgs),
     /// Looks at rig files; `vitreo rig`.
     #[command(hide = true)]
     Rig(rig_file::RigFileArgs),
@@ -65,6 +70,7 @@ impl Task {
     fn claim(&self) -> anyhow::Result<()> {
         let (output, inputs): (_, Vec<&PathBuf>) = match self {
             Task::Rig(a) => return a.claim(),
+            Task::Board(a) => return a.claim(),
             Task::Intrinsics(a) => (&a.output, a.pictures.iter().chain(&a.points).chain(&a.rig).collect()),
             Task::Stereo(a) => {
                 (&a.output, a.left.iter().chain(&a.right).chain(&a.points).chain(&a.rig).collect())
@@ -143,10 +149,11 @@ pub fn run(args: &CalibrateArgs) -> anyhow::Result<ExitCode> {
     match &args.task {
         Task::Intrinsics(args) => target::intrinsics(args),
         Task::Stereo(args) => target::stereo(args),
-        Task::Dots(args) => target::fixed_dots(args),
+        Task::Dots(args) => fixed::fixed_dots(args),
         Task::Waved(args) => stream::waved(args),
         Task::Pivot(args) => stream::pivot(args),
         Task::Drift(args) => stream::drift(args),
+        Task::Board(args) => board::draw(args),
         Task::Rig(args) => rig_file::run(args),
     }
 }

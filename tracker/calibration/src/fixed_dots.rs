@@ -2,12 +2,11 @@
 
 use crate::lens::LENS;
 use crate::multi_camera::{ImagePoint, Progress, noise_of, triangulate};
-use crate::solve::SolveError;
 use crate::target_problem::{
     Calibrated, Correspondence, FreeParameters, Robustness, Scene, TargetProblem, TargetView, calibrate,
-    residuals, rms, robust_sigma, set_camera_pose,
+    residuals, rms, robust_sigma, set_camera_pose, with_weak_terms_held,
 };
-use crate::{CalibrationError, degenerate, linear};
+use crate::{CalibrationError, degenerate, linear, starts};
 use nalgebra::{Isometry3, Point3, Vector2};
 use rig::camera::Camera;
 
@@ -20,9 +19,16 @@ pub enum CameraPrior {
     Lens(Camera),
 }
 
-/// Values of the lens that are held at zero, in this order, where a camera's dots do not determine
-/// them: the highest power first, of which a part of the picture tells least.
-const DISPENSABLE: [usize; 5] = [8, 5, 7, 6, 4];
+impl CameraPrior {
+    /// Size of the camera's pictures, px.
+    pub fn size_px(&self) -> [u32; 2] {
+        match self {
+            CameraPrior::Size(size) => *size,
+            CameraPrior::Lens(camera) => camera.size_px,
+        }
+    }
+}
+
 /// Spread of the residuals, as a share of the picture's width, from which dots and camera do not
 /// belong together; the worst real lens stays below a tenth of it.
 const MISFIT: f64 = 0.01;
@@ -70,29 +76,24 @@ fn alone(
         .filter(|s| s.camera == c)
         .map(|s| TargetView { camera: 0, view: 0, ..s.clone() })
         .collect();
-    let start = first_guess(c as u32, before, own.first().map(|s| s.samples.as_slice()).unwrap_or_default())?;
-    let mut free = match before {
+    let starts =
+        first_guesses(c as u32, before, own.first().map(|s| s.samples.as_slice()).unwrap_or_default())?;
+    let free = match before {
         CameraPrior::Size(_) => free,
         CameraPrior::Lens(_) => [false; LENS],
     };
-    let mut left_out = Vec::new();
-    loop {
-        let problem = TargetProblem::new(&own, vec![FreeParameters { lens: free, place: true }], true, 1);
-        let start = Scene { cameras: vec![start.clone()], views: vec![Isometry3::identity()] };
-        let weak = match calibrate(problem, start, robustness, progress) {
-            Ok(found) => return fitting(Calibrated { left_out, ..found }),
-            Err(weak) => weak,
+    let (found, left_out) = with_weak_terms_held(free, |free| {
+        let from = |start: Camera| {
+            let problem = TargetProblem::new(&own, vec![FreeParameters { lens: free, place: true }], true, 1);
+            let start = Scene { cameras: vec![start], views: vec![Isometry3::identity()] };
+            calibrate(problem, start, robustness, progress)
         };
-        let open = matches!(
-            weak,
-            CalibrationError::Solve(
-                SolveError::Undetermined { .. } | SolveError::Endless { .. } | SolveError::TooFew { .. }
-            )
-        );
-        let Some(term) = DISPENSABLE.into_iter().find(|&term| open && free[term]) else { return Err(weak) };
-        free[term] = false;
-        left_out.push((c, term));
-    }
+        starts::best(starts.iter().cloned().map(from))
+    })?;
+    let (found, rival) = found;
+    let left_out: Vec<(usize, usize)> = left_out.into_iter().map(|term| (c, term)).collect();
+    let remarks = rival.map(|said| format!("camera {c}: {said}")).into_iter().collect();
+    fitting(Calibrated { left_out, remarks, ..found })
 }
 
 /// The calibration of one camera, unless its residuals are too large for any lens.
@@ -105,12 +106,12 @@ fn fitting(found: Calibrated) -> Result<Calibrated, CalibrationError> {
     Ok(found)
 }
 
-/// A camera near that which saw the dots.
-fn first_guess(
+/// Cameras of which one at least is near that which saw the dots.
+fn first_guesses(
     id: u32,
     before: &CameraPrior,
     samples: &[Correspondence],
-) -> Result<Camera, CalibrationError> {
+) -> Result<Vec<Camera>, CalibrationError> {
     if samples.is_empty() {
         return Err(degenerate("it sees no dot"));
     }
@@ -122,13 +123,13 @@ fn first_guess(
                      use a stepped target, or give the lens",
                 ));
             }
-            linear::camera_from_dots(id, *size, samples)
+            starts::starts(id, *size, samples)
         }
         CameraPrior::Lens(camera) => {
             let mut camera = camera.clone();
             let place = linear::target_in_camera(&camera, samples)?;
             set_camera_pose(&mut camera, &place);
-            Ok(camera)
+            Ok(vec![camera])
         }
     }
 }
@@ -145,6 +146,7 @@ fn together(all: Vec<Calibrated>, sheets: &[TargetView]) -> Calibrated {
         sigmas: all.iter().flat_map(|one| one.sigmas.clone()).collect(),
         iterations: all.iter().map(|one| one.iterations).max().unwrap_or(0),
         left_out: all.iter().flat_map(|one| one.left_out.clone()).collect(),
+        remarks: all.iter().flat_map(|one| one.remarks.clone()).collect(),
         residuals,
         scene,
     }

@@ -131,6 +131,14 @@ impl GreyImage {
         GreyImage { width, height, data }
     }
 
+    /// Twice as large, between pixels bilinear; pixel k of this one is the mean of 2k and 2k+1.
+    pub fn doubled(&self) -> Self {
+        let (width, height) = (2 * self.width, 2 * self.height);
+        let at = |i: usize| Vector2::new((i % width) as f64, (i / width) as f64) / 2.0;
+        let data = (0..width * height).map(|i| self.between(at(i) - Vector2::repeat(0.25))).collect();
+        GreyImage { width, height, data }
+    }
+
     /// True if a disc around `p` lies inside.
     pub fn holds(&self, p: Vector2<f64>, radius: f64) -> bool {
         let inside = |v: f64, n: usize| v - radius >= 0.0 && v + radius <= n as f64 - 1.0;
@@ -167,6 +175,7 @@ mod tests {
         assert!((wide.between(Vector2::new(100.0, 80.0)) - 100.0).abs() < 0.1);
         assert!((ramp.slope(20, 15) - Vector2::new(2.0, 3.0)).norm() < 1e-6);
         // The centre of a halved pixel lies half a pixel beside that of its first one.
+        assert!((ramp.doubled().between(Vector2::new(16.5, 12.5)) - (2.0 * 8.0 + 3.0 * 6.0)).abs() < 1e-4);
         assert!((ramp.halved().between(Vector2::new(8.0, 6.0)) - (2.0 * 16.5 + 3.0 * 12.5)).abs() < 1e-4);
     }
 

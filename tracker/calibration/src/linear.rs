@@ -248,7 +248,14 @@ fn projection_matrix(samples: &[Correspondence]) -> Result<Matrix3x4<f64>, Calib
     let back = to.try_inverse().ok_or_else(|| degenerate("all image points are in one place"))?;
     let p = back * Matrix3x4::from_row_slice(h.as_slice()) * from;
     let front = samples.iter().filter(|s| p.row(2).dot(&s.point.coords.push(1.0).transpose()) > 0.0).count();
-    Ok(if 2 * front < samples.len() { -p } else { p })
+    let p = if 2 * front < samples.len() { -p } else { p };
+    // With the dots before the camera, only mirrored axes turn a picture inside out.
+    if p.fixed_view::<3, 3>(0, 0).determinant() < 0.0 {
+        return Err(degenerate(
+            "the world of the dots is left-handed: exchange two of X, Y, Z, or change the sign of one",
+        ));
+    }
+    Ok(p)
 }
 
 /// A camera without distortion, its place included, from dots in space.

@@ -37,14 +37,20 @@ pub fn calibrate_cameras(
     progress: &mut Progress<'_>,
 ) -> Result<Calibrated, CalibrationError> {
     let views = sheets.iter().map(|s| s.view + 1).max().unwrap_or(0);
-    let mut alone = Vec::new();
+    let (mut alone, mut left_out) = (Vec::new(), Vec::new());
+    let mut lens = vec![free; sizes_px.len()];
     for (c, &size) in sizes_px.iter().enumerate() {
         let own: Vec<TargetView> = sheets.iter().filter(|s| s.camera == c).cloned().collect();
         let (camera, found) = match lenses {
             LensMode::Given(cameras) => before(&cameras[c], &own)?,
             _ => {
-                let lens = FreeParameters { lens: free, place: false };
-                let found = calibrate_lens(c as u32, size, &own, lens, robustness, progress)?;
+                let all = FreeParameters { lens: free, place: false };
+                let found = calibrate_lens(c as u32, size, &own, all, robustness, progress)?;
+                // What a camera's own views leave open, those that it shares do not tell either.
+                for &(_, term) in &found.left_out {
+                    lens[c][term] = false;
+                    left_out.push((c, term));
+                }
                 (found.scene.cameras[0].clone(), found.scene.views)
             }
         };
@@ -61,10 +67,14 @@ pub fn calibrate_cameras(
         seen.into_iter().next().unwrap_or_else(Isometry3::identity)
     };
     let start = Scene { views: (0..views).map(place).collect(), cameras };
-    let lens = if matches!(lenses, LensMode::Refined) { free } else { [false; LENS] };
-    let free = (0..sizes_px.len()).map(|c| FreeParameters { lens, place: c > 0 }).collect();
-    let problem = TargetProblem::new(sheets, free, false, views);
-    calibrate(problem, start, robustness, progress)
+    let refined = matches!(lenses, LensMode::Refined);
+    let free = lens.into_iter().enumerate().map(|(c, own)| {
+        let lens = if refined { own } else { [false; LENS] };
+        FreeParameters { lens, place: c > 0 }
+    });
+    let problem = TargetProblem::new(sheets, free.collect(), false, views);
+    let found = calibrate(problem, start, robustness, progress)?;
+    Ok(Calibrated { left_out, ..found })
 }
 
 /// A camera of known lens at the origin, and `camera_from_target` of each of its views.

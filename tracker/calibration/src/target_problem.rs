@@ -9,7 +9,7 @@ use crate::lens::{
     set_lens,
 };
 use crate::linear;
-use crate::solve::{Column, Loss, NormalEquations, Problem, Solution, Unknown, solve};
+use crate::solve::{Column, Loss, NormalEquations, Problem, Solution, SolveError, Unknown, solve};
 use crate::{CalibrationError, median};
 use nalgebra::{
     DVector, Isometry3, Matrix3, Point3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3,
@@ -222,6 +222,39 @@ pub struct Calibrated {
     /// Values of lenses that were to be found but are held at zero, since the data do not determine
     /// them: camera, and index into [`LENS_NAMES`].
     pub left_out: Vec<(usize, usize)>,
+    /// What else a person should know.
+    pub remarks: Vec<String>,
+}
+
+/// Values of the lens that are held at zero, in this order, where the data do not determine them: the highest power
+/// first, of which a part of the picture tells least.
+const DISPENSABLE: [usize; 5] = [8, 5, 7, 6, 4];
+
+/// Solves with the values of the lens in `free`, and with fewer as long as the data do not determine them; returns those
+/// that are held at zero.
+///
+/// # Errors
+/// The last problem, where holding terms does not help.
+pub fn with_weak_terms_held<T>(
+    mut free: [bool; LENS],
+    mut solved: impl FnMut([bool; LENS]) -> Result<T, CalibrationError>,
+) -> Result<(T, Vec<usize>), CalibrationError> {
+    let mut held = Vec::new();
+    loop {
+        let weak = match solved(free) {
+            Ok(found) => return Ok((found, held)),
+            Err(weak) => weak,
+        };
+        let open = matches!(
+            weak,
+            CalibrationError::Solve(
+                SolveError::Undetermined { .. } | SolveError::Endless { .. } | SolveError::TooFew { .. }
+            )
+        );
+        let Some(term) = DISPENSABLE.into_iter().find(|&term| open && free[term]) else { return Err(weak) };
+        free[term] = false;
+        held.push(term);
+    }
 }
 
 /// How to weigh residuals.
@@ -294,13 +327,17 @@ fn summary(problem: &TargetProblem<'_>, solution: Solution<Scene>) -> Calibrated
         iterations: solution.iterations,
         scene: solution.state,
         left_out: Vec::new(),
+        remarks: Vec::new(),
     }
 }
 
+/// Standard deviation of a focal length, as a share of it, from which views do not fix it.
+const UNSURE: f64 = 0.05;
 /// Fewest views of a board from which a lens is calibrated; two would fix it on paper only.
 pub const FEWEST_VIEWS: usize = 3;
 
-/// Calibrates one lens from views of a target: the parameters in `free`.
+/// Calibrates one lens from views of a target: the parameters in `free`. Terms of its distortion that the views do not
+/// determine are held at zero and listed in [`Calibrated::left_out`].
 ///
 /// # Errors
 /// Too few or degenerate views, or a problem without a solution.
@@ -323,11 +360,23 @@ pub fn calibrate_lens(
         None => linear::lens_from_planes(id, size_px, &all)?,
     };
     (camera.camera_from_world, camera.translation_mm) = (Matrix3::identity(), Vector3::zeros());
-    let views = all.iter().map(|s| linear::target_in_camera(&camera, s)).collect::<Result<_, _>>()?;
+    let views = all.iter().map(|s| linear::target_in_camera(&camera, s)).collect::<Result<Vec<_>, _>>()?;
     let sheets: Vec<TargetView> =
         sheets.iter().enumerate().map(|(view, s)| TargetView { camera: 0, view, ..s.clone() }).collect();
-    let problem = TargetProblem::new(&sheets, vec![free], false, sheets.len());
-    calibrate(problem, Scene { cameras: vec![camera], views }, robustness, progress)
+    let (found, held) = with_weak_terms_held(free.lens, |lens| {
+        let problem = TargetProblem::new(&sheets, vec![FreeParameters { lens, ..free }], false, sheets.len());
+        let start = Scene { cameras: vec![camera.clone()], views: views.clone() };
+        calibrate(problem, start, robustness, progress)
+    })?;
+    // Views that fix no focal length still let a lens of few terms converge somewhere.
+    let focal = found.scene.cameras[0].focal_px;
+    let unsure = |axis: usize| free.lens[axis] && found.sigmas[0][axis] > UNSURE * focal[axis].abs();
+    if !held.is_empty() && (unsure(0) || unsure(1)) {
+        return Err(crate::degenerate(
+            "the views do not fix the focal length: they are too alike; tilt the target differently in each",
+        ));
+    }
+    Ok(Calibrated { left_out: held.into_iter().map(|term| (0, term)).collect(), ..found })
 }
 
 /// `camera_from_world` as an isometry.

@@ -109,7 +109,7 @@ fn bad_input_is_refused_in_words() {
     let empty = file("empty.jsonl", "");
     let poses = file("poses.csv", "t_ns,body\n");
     let rig = data("tracker/static/rig.json");
-    let cases: [(String, i32, &str); 18] = [
+    let cases: [(String, i32, &str); 26] = [
         ("".into(), 2, "Usage"),
         ("intrinsics --board 9x6".into(), 2, "PICTURE"),
         (format!("intrinsics {left}"), 1, "--board COLUMNSxROWS is needed"),
@@ -122,7 +122,31 @@ fn bad_input_is_refused_in_words() {
         (format!("intrinsics --points {list} --size 640x480"), 1, "list.txt, line 2: X: expected a number"),
         (format!("stereo --board 9x6 --left {left} {left} --right {left}"), 1, "2 left and 1 right"),
         (format!("dots --size 640x480 {plane} {plane}"), 1, "all dots lie in one plane"),
-        (format!("dots {plane}"), 1, "expected a point list of each of the rig's 3 cameras, found 1"),
+        (
+            format!("dots {plane}"),
+            1,
+            "expected --size WIDTHxHEIGHT, to find the lenses too, or --rig RIG.json",
+        ),
+        (
+            format!("dots --rig {rig} {plane}"),
+            1,
+            "expected a point list of each of the rig's 3 cameras, found 1",
+        ),
+        (
+            format!("dots --size 100x80 {plane}"),
+            1,
+            "(plane.txt): 8 of 20 points lie outside of the 100×80 px of --size",
+        ),
+        (format!("intrinsics --charuco 7x5 {left}"), 1, "no two markers of the board"),
+        (format!("intrinsics --charuco 7x5,0 {left}"), 2, "square: expected mm above 0"),
+        (format!("intrinsics --charuco 7x5 --board 9x6 {left}"), 2, "cannot be used with"),
+        (format!("intrinsics --legacy --board 9x6 {left}"), 2, "cannot be used with"),
+        (
+            format!("intrinsics --rig {rig} --board 9x6 {left} {left} {left}"),
+            1,
+            "as camera 0 of the rig has, found 640×480",
+        ),
+        ("board --board 9x6 -o board.gif".into(), 1, "a name that ends in .svg or .png"),
         (format!("dots --pictures {left}"), 2, "--target"),
         (format!("dots --pictures {left} --target {list} --picked {plane}"), 1, "line 1: expected 3 numbers"),
         (format!("waved --rig {rig} {blobs}"), 1, "blobs.jsonl, line 1"),
@@ -247,8 +271,9 @@ fn five_real_cameras_converge_with_all_lens_terms() {
     let rms = told["rms_px"].as_f64().unwrap();
     let [x, y, z] = held_out(&told);
     println!("rms {rms:.3} px; dots held out, median of 20 splits: {x:.1} {y:.1} {z:.1} µm");
-    assert!(rms <= 0.26, "{rms}");
-    assert!(x <= 42.0 && y <= 36.0 && z <= 85.0, "{x} {y} {z}");
+    // The fifth camera's worse minimum gives 0.2525.
+    assert!(rms <= 0.2515, "{rms}");
+    assert!(x <= 38.0 && y <= 32.0 && z <= 85.0, "{x} {y} {z}");
 }
 
 #[test]

@@ -35,6 +35,7 @@ fn value_of(command: &clap::Command, arg: &Arg) -> String {
         "\"tracking=1\"",
         "[\"a\", \"b\"]",
         "\"640x480\"",
+        "\"7x5,10,7.5\"",
         "\"evdev:a\"",
         "\"serial:a\"",
         "\"0.4,0.5\"",

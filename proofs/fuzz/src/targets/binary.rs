@@ -3,6 +3,7 @@
 
 use super::{Kind, Target};
 use crate::corpus::{self, Scratch};
+use calibration::charuco::CharucoBoard;
 use calibration::grey_image::GreyImage;
 use cameras::stream::{Expected, PictureStream, is_black};
 use fpga_model::input::Picture;
@@ -47,6 +48,7 @@ pub fn targets() -> Vec<Target> {
         target("mesh-glb", mesh, || corpus::shipped(&["assets/instruments"], "glb"), 32 << 10),
         target("fundus", fundus, corpus::photographs, 16 << 10),
         target("grey-picture", |b| drop(black_box(GreyImage::decode(b, "f"))), corpus::pictures, 16 << 10),
+        target("charuco", charuco, corpus::charuco_pictures, 16 << 10),
         target("still", still_picture, corpus::pictures, 16 << 10),
         target("clip-y4m", clip, clips, 4 << 10),
         target("live-pictures", live_pictures, live_streams, 4 << 10),
@@ -202,6 +204,23 @@ fn mesh(bytes: &[u8]) {
 
 fn fundus(bytes: &[u8]) {
     drop(black_box(renderer::assets::decode("f", bytes)));
+}
+
+/// A ChArUco board in whatever is a picture, no corner of it twice.
+fn charuco(bytes: &[u8]) {
+    thread_local!(static BOARD: CharucoBoard = CharucoBoard::parse("5x4,10,8,DICT_4X4_50").expect("a board"));
+    // Larger ones take longer, not other ways.
+    let Ok(picture) = GreyImage::decode(bytes, "f") else { return };
+    if picture.width.max(picture.height) > 200 {
+        return;
+    }
+    BOARD.with(|board| {
+        let found = board.find_any(&picture).unwrap_or_default();
+        let mut ids: Vec<usize> = found.iter().map(|s| board.id_at(&s.point)).collect();
+        ids.dedup();
+        assert!(ids.len() == found.len() && ids.is_sorted() && ids.iter().all(|id| *id < 12));
+        assert!(found.iter().all(|s| picture.holds(s.pixel, 0.0)));
+    });
 }
 
 fn still_picture(bytes: &[u8]) {

@@ -178,7 +178,7 @@ fn file_kind(bytes: &[u8]) {
 }
 
 /// Command lines that show every option with a value of a form of its own.
-const ARGUMENTS: [&str; 24] = [
+const ARGUMENTS: [&str; 26] = [
     "vitreo run --duration 2.5 --percentile 99.9 --scene peel --picture side-by-side --budgets b.toml",
     "vitreo run --delay tracking=5 --delay camera=3.5 --faults mild,dropped --collision cpu",
     "vitreo play --input mouse --module navigation --level 2 --trainee anna",
@@ -196,6 +196,8 @@ const ARGUMENTS: [&str; 24] = [
     "vitreo-fpga-model colours learn red=a.png@10,20,30,40 white=b.png",
     "vitreo-fpga-model hardware --width 720 --lines 288",
     "vitreo-calibration intrinsics --board 9x6 --square 25 --size 640x480 a.png --fix k3,p1",
+    "vitreo-calibration stereo --charuco 7x5,2.5,1.8,DICT_5X5_100 --legacy --left a.png --right b.png",
+    "vitreo-calibration board --charuco 8x6,3 --dpi 300 --margin 5 -o b.svg",
     "vitreo-calibration waved --rig r.json --sigma 0.02 s.jsonl -o out.json",
     "vitreo-virtual-rig --late-camera 1=20 --duration 3 --after-round 2 --seed 9",
     "vitreo-desk --input gamepad --scene peel",

@@ -1,21 +1,19 @@
-//! Calibrations that look at a target: `intrinsics`, `stereo`, `dots`.
+//! Calibrations that look at a board: `intrinsics`, `stereo`.
 
+use super::checks;
 use super::{OutputArgs, SolveArgs, pair, positive, progress, short, with_spinner};
-use crate::board::{Board, Pattern};
-use crate::fixed_dots::{CameraPrior, calibrate_on_dots, common_dots, held_out};
+use crate::board::{Board, Pattern, Target};
+use crate::charuco::CharucoBoard;
 use crate::grey_image::GreyImage;
-use crate::known_target::match_dots;
-use crate::lens::{LENS, LENS_NAMES};
 use crate::linear::plane_of;
 use crate::multi_camera::{LensMode, calibrate_cameras};
+use crate::point_lists;
 use crate::report::{Report, camera_report, view_reports};
 use crate::rig_output::{rig_camera, rig_with, rig_with_lens};
-use crate::target_problem::{Calibrated, FreeParameters, Robustness, TargetView, calibrate_lens};
-use crate::{CalibrationError, dots, point_lists};
+use crate::target_problem::{Calibrated, FreeParameters, TargetView, calibrate_lens};
 use anyhow::{Context, bail, ensure};
 use ipc::logging::warn;
 use rig::Rig;
-use rig::camera::Camera;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -25,6 +23,17 @@ pub struct BoardArgs {
     /// Points of the board: inner corners (or dots) in a row, and rows.
     #[arg(long, value_name = "COLUMNSxROWS", value_parser = pair)]
     pub board: Option<[u32; 2]>,
+    /// ChArUco board instead: squares in a row and rows, sides of squares and markers in mm (1 and three quarters of a
+    /// square if not given), and the dictionary of OpenCV (DICT_4X4_50 to DICT_6X6_1000; the first of 4×4 that suffices).
+    /// Parts of the board are enough.
+    #[arg(
+        long, value_name = "COLUMNSxROWS[,SQUARE[,MARKER[,DICTIONARY]]]", value_parser = CharucoBoard::parse,
+        conflicts_with_all = ["board", "pitch", "pattern"]
+    )]
+    pub charuco: Option<CharucoBoard>,
+    /// The ChArUco board was drawn by OpenCV before 4.6: with an even number of rows it begins with a white square.
+    #[arg(long, requires = "charuco", conflicts_with_all = ["board", "pitch", "pattern"])]
+    pub legacy: bool,
     /// Distance of neighbouring points, mm; without it lengths are in squares.
     #[arg(long, value_name = "MM", default_value = "1", value_parser = positive)]
     pub pitch: f64,
@@ -37,12 +46,17 @@ impl BoardArgs {
     /// The board.
     ///
     /// # Errors
-    /// No size, or too many points.
-    pub fn board(&self) -> anyhow::Result<Board> {
-        let size = self.board.context("--board COLUMNSxROWS is needed to read pictures")?;
+    /// No board, or one of too many points.
+    pub fn board(&self) -> anyhow::Result<Target> {
+        if let Some(board) = self.charuco {
+            return Ok(Target::Charuco(CharucoBoard { legacy: self.legacy, ..board }));
+        }
+        let size = self
+            .board
+            .context("--board COLUMNSxROWS is needed to read pictures, or --charuco COLUMNSxROWS,…")?;
         let [columns, rows] = size.map(|n| n as usize);
         ensure!(columns * rows <= 10_000, "--board: expected at most 10000 points, found {columns}x{rows}");
-        Ok(Board { pattern: self.pattern, columns, rows, pitch_mm: self.pitch })
+        Ok(Target::Whole(Board { pattern: self.pattern, columns, rows, pitch_mm: self.pitch }))
     }
 }
 
@@ -102,39 +116,6 @@ pub struct StereoArgs {
     pub output: OutputArgs,
 }
 
-/// Arguments of `vitreo calibrate dots`.
-#[derive(Debug, Clone, clap::Args)]
-pub struct DotsArgs {
-    /// Point list of each camera, camera 0 first.
-    #[arg(value_name = "POINTS", required_unless_present = "pictures")]
-    pub points: Vec<PathBuf>,
-    /// Instead of lists a picture of the target by each camera.
-    #[arg(long, value_name = "PICTURE", num_args = 1.., requires = "target", requires = "picked", conflicts_with = "points")]
-    pub pictures: Vec<PathBuf>,
-    /// Dots of the target in the pictures: X Y Z a line, mm.
-    #[arg(long, value_name = "FILE")]
-    pub target: Option<PathBuf>,
-    /// For each picture a point list of four dots or more that a person picked, not all in one
-    /// plane.
-    #[arg(long, value_name = "POINTS", num_args = 1..)]
-    pub picked: Vec<PathBuf>,
-    /// Size of the pictures, px; lenses are then found too.
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
-    pub size: Option<[u32; 2]>,
-    /// Rig whose cameras are replaced. Without --size its lenses are kept and only places are
-    /// found.
-    #[arg(long, value_name = "RIG.json")]
-    pub rig: Option<PathBuf>,
-    /// Also calibrate on a random half of the dots that all cameras see and triangulate the other
-    /// half, so many times; the report has the median errors.
-    #[arg(long, value_name = "TIMES")]
-    pub splits: Option<u32>,
-    #[command(flatten)]
-    pub solve: SolveArgs,
-    #[command(flatten)]
-    pub output: OutputArgs,
-}
-
 /// Fewest points of a view in a list; a homography has eight unknowns and a pose six more.
 const FEWEST_POINTS: usize = 6;
 
@@ -164,7 +145,7 @@ fn pass_over_weak(sheets: &mut Vec<TargetView>) -> Vec<String> {
 }
 
 /// Boards in the pictures of one camera, which are of one size.
-fn views_of_pictures(pictures: &[PathBuf], board: &Board, camera: usize) -> anyhow::Result<Views> {
+fn views_of_pictures(pictures: &[PathBuf], board: &Target, camera: usize) -> anyhow::Result<Views> {
     let progress = progress("pictures", Some(pictures.len() as u64));
     let (mut sheets, mut notes, mut size) = (Vec::new(), Vec::new(), None);
     for (view, path) in pictures.iter().enumerate() {
@@ -192,7 +173,7 @@ fn views_of_pictures(pictures: &[PathBuf], board: &Board, camera: usize) -> anyh
 }
 
 /// Views of the point lists of one camera.
-fn sheets_of_lists(lists: &[PathBuf], camera: usize) -> anyhow::Result<Vec<TargetView>> {
+pub(super) fn sheets_of_lists(lists: &[PathBuf], camera: usize) -> anyhow::Result<Vec<TargetView>> {
     let mut sheets: Vec<TargetView> = Vec::new();
     for path in lists {
         for view in point_lists::load(path)? {
@@ -204,7 +185,12 @@ fn sheets_of_lists(lists: &[PathBuf], camera: usize) -> anyhow::Result<Vec<Targe
     Ok(sheets)
 }
 
-fn report_of(task: &'static str, found: &Calibrated, sheets: &[TargetView], notes: Vec<String>) -> Report {
+pub(super) fn report_of(
+    task: &'static str,
+    found: &Calibrated,
+    sheets: &[TargetView],
+    notes: Vec<String>,
+) -> Report {
     let cameras = found.scene.cameras.iter().zip(&found.sigmas).enumerate();
     Report {
         task,
@@ -231,13 +217,29 @@ pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
         let all = sheets.len();
         let notes = pass_over_weak(&mut sheets);
         ensure!(!sheets.is_empty(), "none of {all} views can be used: {}", notes.join("; "));
+        checks::inside(&sheets, &[size], "--size")?;
         Views { sheets, sizes_px: vec![size], notes }
     };
     let rig = args.rig.as_deref().map(Rig::load).transpose()?;
+    let before = rig.as_ref().and_then(|rig| rig.cameras().into_iter().find(|c| c.id == args.camera));
+    if let Some([w, h]) = before.as_ref().map(|c| c.size_px) {
+        let [x, y] = sizes_px[0];
+        let id = args.camera;
+        ensure!(
+            [x, y] == [w, h],
+            "expected pictures of {w}×{h} px, as camera {id} of the rig has, found {x}×{y}"
+        );
+    }
     let free = FreeParameters { lens: args.solve.free(), place: false };
     let found = with_spinner("least squares", |tell| {
         calibrate_lens(args.camera, sizes_px[0], &sheets, free, args.solve.loss, tell)
     })?;
+    let mut notes = notes;
+    notes.extend(checks::remarks(&found, &sheets));
+    notes.extend(checks::held_well(&found)?);
+    if let (Some(before), Some(_)) = (&before, &args.output.output) {
+        checks::better_than(before, &sheets, free, args.solve.loss)?;
+    }
     let camera = &found.scene.cameras[0];
     let json = match &rig {
         None => serde_json::to_string_pretty(&rig_camera(camera))?,
@@ -279,7 +281,9 @@ fn views_of_cameras(args: &StereoArgs) -> anyhow::Result<Views> {
         }
     }
     let notes = pass_over_weak(&mut sheets);
-    Ok(Views { sheets, sizes_px: vec![size; args.points.len()], notes })
+    let sizes_px = vec![size; args.points.len()];
+    checks::inside(&sheets, &sizes_px, "--size")?;
+    Ok(Views { sheets, sizes_px, notes })
 }
 
 /// Runs `vitreo calibrate stereo`.
@@ -304,6 +308,7 @@ pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
         calibrate_cameras(&sizes_px, &sheets, free, &lenses, loss, tell)
     })?;
     notes.push("the world is the frame of the first camera".into());
+    notes.extend(checks::remarks(&found, &sheets));
     let mut report = report_of("stereo", &found, &sheets, notes);
     for camera in &found.scene.cameras[1..] {
         let name = format!("baseline from camera 0 to camera {} (squares without --pitch)", camera.id);
@@ -313,143 +318,15 @@ pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
 }
 
 /// Prints the report and writes `template` with the calibrated cameras.
-fn finish(out: &OutputArgs, report: &Report, found: &Calibrated, template: &Rig) -> anyhow::Result<ExitCode> {
+pub(super) fn finish(
+    out: &OutputArgs,
+    report: &Report,
+    found: &Calibrated,
+    template: &Rig,
+) -> anyhow::Result<ExitCode> {
     out.print(report, &found.scene.cameras, &found.residuals)?;
     if out.output.is_some() {
         out.write(&rig_with(template, &found.scene.cameras)?.to_json())?;
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// Point lists of dots that stay in place, one a camera.
-fn sheets_of_dots(args: &DotsArgs) -> anyhow::Result<Vec<TargetView>> {
-    let mut sheets = Vec::new();
-    for (camera, path) in args.points.iter().enumerate() {
-        let mut views = sheets_of_lists(std::slice::from_ref(path), camera)?;
-        let n = views.len();
-        ensure!(n == 1, "{}: expected dots that stay in place, found {n} views", path.display());
-        sheets.append(&mut views);
-    }
-    Ok(sheets)
-}
-
-/// The target's dots in a picture of each camera, and the pictures' sizes.
-fn sheets_of_target(args: &DotsArgs) -> anyhow::Result<(Vec<TargetView>, Vec<[u32; 2]>)> {
-    let target =
-        point_lists::load_target(args.target.as_deref().context("--target is needed with --pictures")?)?;
-    let (pictures, lists) = (args.pictures.len(), args.picked.len());
-    ensure!(pictures == lists, "--picked: expected a list for each of {pictures} pictures, found {lists}");
-    let progress = progress("pictures", Some(pictures as u64));
-    let (mut sheets, mut sizes) = (Vec::new(), Vec::new());
-    for (camera, (path, picked)) in args.pictures.iter().zip(&args.picked).enumerate() {
-        let picture = GreyImage::load(path)?;
-        let own = [picture.width as u32, picture.height as u32];
-        if let Some([w, h]) = args.size {
-            let ([x, y], file) = (own, path.display());
-            ensure!([x, y] == [w, h], "{file}: expected {w}×{h} px by --size, found {x}×{y}");
-        }
-        // Picking programs write (-1, -1) for a dot that was not seen.
-        let picked = point_lists::load(picked)?.into_iter().flat_map(|v| v.samples);
-        let picked: Vec<_> = picked.filter(|s| s.pixel.x >= 0.0 && s.pixel.y >= 0.0).collect();
-        let [bright, dark] = [false, true].map(|dark| dots::find(&picture, dark));
-        let (n, file) = (target.len(), path.display());
-        ensure!(
-            !bright.is_empty() || !dark.is_empty(),
-            "{file}: expected the {n} dots of the target, round and on an even ground, found none"
-        );
-        let of_colour = |dots: &[dots::Dot]| match_dots(own, dots, &target, &picked);
-        let samples = match (of_colour(&bright), of_colour(&dark)) {
-            (Ok(bright), Ok(dark)) if dark.len() > bright.len() => dark,
-            (Ok(found), _) | (Err(_), Ok(found)) => found,
-            (Err(problem), Err(_)) => return Err(problem).with_context(|| path.display().to_string()),
-        };
-        sizes.push(own);
-        sheets.push(TargetView { name: short(path), camera, view: 0, samples });
-        progress.inc(1);
-    }
-    progress.finish_and_clear();
-    Ok((sheets, sizes))
-}
-
-/// Runs `vitreo calibrate dots`.
-///
-/// # Errors
-/// As [`intrinsics`]; lists or pictures that do not fit the cameras.
-pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
-    let template = Rig::load_or_shipped(args.rig.as_deref())?;
-    let (sheets, sizes) =
-        if args.pictures.is_empty() { (sheets_of_dots(args)?, Vec::new()) } else { sheets_of_target(args)? };
-    let before: Vec<CameraPrior> = match (args.size, &args.rig) {
-        (Some(size), _) => vec![CameraPrior::Size(size); sheets.len()],
-        (None, None) if !sizes.is_empty() => sizes.iter().copied().map(CameraPrior::Size).collect(),
-        (None, _) => template.cameras().into_iter().map(CameraPrior::Lens).collect(),
-    };
-    let (lists, cameras) = (sheets.len(), before.len());
-    ensure!(lists == cameras, "expected a point list of each of the rig's {cameras} cameras, found {lists}");
-    for ((before, [x, y]), path) in before.iter().zip(sizes).zip(&args.pictures) {
-        if let CameraPrior::Lens(Camera { id, size_px: [w, h], .. }) = before {
-            let fits = [x, y] == [*w, *h];
-            ensure!(fits, "{}: expected {w}×{h} px of camera {id}, found {x}×{y}", path.display());
-        }
-    }
-    let (free, loss) = (args.solve.free(), args.solve.loss);
-    let found = calibrate_on_dots(&before, &sheets, free, loss, &mut |_, _| {})?;
-    let mut notes = vec!["the world is the frame of the dots".into()];
-    notes.extend(found.left_out.iter().map(|&(camera, term)| {
-        format!("camera {camera}: its dots do not determine {}, which is held at 0", LENS_NAMES[term])
-    }));
-    let mut report = report_of("dots", &found, &sheets, notes);
-    if let Some(times) = args.splits {
-        let [x, y, z] = median_of_splits(&before, &sheets, free, loss, times)?;
-        for (axis, value) in [("x", x), ("y", y), ("z", z)] {
-            let name = format!("dots held out: rms error along {axis}, {times} splits");
-            report.figure(name, value * 1e3, "µm");
-        }
-    }
-    finish(&args.output, &report, &found, &template)
-}
-
-/// Median errors over random halves; split `n` is the same on every machine.
-fn median_of_splits(
-    before: &[CameraPrior],
-    sheets: &[TargetView],
-    free: [bool; LENS],
-    loss: Robustness,
-    times: u32,
-) -> anyhow::Result<[f64; 3]> {
-    ensure!((1..=10_000).contains(&times), "--splits: expected 1 to 10000, found {times}");
-    let dots = common_dots(sheets, before.len()).len();
-    ensure!(dots >= 24, "--splits: expected 24 dots or more that all cameras see, found {dots}");
-    let progress = progress("splits", Some(times.into()));
-    let split = |seed: u32| -> Result<[f64; 3], CalibrationError> {
-        let chosen = random_half(dots, seed);
-        let errors = held_out(before, sheets, free, loss, &|i| chosen[i]);
-        progress.inc(1);
-        errors
-    };
-    let all = (1..=times).map(split).collect::<Result<Vec<_>, _>>()?;
-    progress.finish_and_clear();
-    Ok([0, 1, 2].map(|axis| {
-        let mut errors: Vec<f64> = all.iter().map(|e| e[axis]).collect();
-        errors.sort_by(f64::total_cmp);
-        (errors[(errors.len() - 1) / 2] + errors[errors.len() / 2]) / 2.0
-    }))
-}
-
-/// Half of `n` things, drawn by a shuffle from `seed` (Fisher–Yates with Knuth's MMIX generator).
-fn random_half(n: usize, seed: u32) -> Vec<bool> {
-    let mut state = u64::from(seed);
-    let mut draw = |below: usize| {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        ((state >> 33) as usize) % below
-    };
-    // The first numbers of neighbouring seeds are alike.
-    for _ in 0..8 {
-        draw(2);
-    }
-    let mut order: Vec<usize> = (0..n).collect();
-    (1..n).rev().for_each(|i| order.swap(i, draw(i + 1)));
-    let mut chosen = vec![false; n];
-    order[..n / 2].iter().for_each(|&i| chosen[i] = true);
-    chosen
 }

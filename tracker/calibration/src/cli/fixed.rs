@@ -1,0 +1,189 @@
+//! Calibrations that look at dots of known places: `dots`.
+
+use super::target::{finish, report_of, sheets_of_lists};
+use super::{OutputArgs, SolveArgs, checks, pair, progress, short};
+use crate::fixed_dots::{CameraPrior, calibrate_on_dots, common_dots, held_out};
+use crate::grey_image::GreyImage;
+use crate::known_target::match_dots;
+use crate::lens::LENS;
+use crate::target_problem::{Robustness, TargetView};
+use crate::{CalibrationError, dots, point_lists};
+use anyhow::{Context, ensure};
+use rig::Rig;
+use rig::camera::Camera;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Arguments of `vitreo calibrate dots`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct DotsArgs {
+    /// Point list of each camera, camera 0 first.
+    #[arg(value_name = "POINTS", required_unless_present = "pictures")]
+    pub points: Vec<PathBuf>,
+    /// Instead of lists a picture of the target by each camera.
+    #[arg(long, value_name = "PICTURE", num_args = 1.., requires = "target", requires = "picked", conflicts_with = "points")]
+    pub pictures: Vec<PathBuf>,
+    /// Dots of the target in the pictures: X Y Z a line, mm.
+    #[arg(long, value_name = "FILE")]
+    pub target: Option<PathBuf>,
+    /// For each picture a point list of four dots or more that a person picked, not all in one
+    /// plane.
+    #[arg(long, value_name = "POINTS", num_args = 1..)]
+    pub picked: Vec<PathBuf>,
+    /// Size of the pictures, px; lenses are then found too.
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
+    pub size: Option<[u32; 2]>,
+    /// Rig whose cameras are replaced. Without --size its lenses are kept and only places are
+    /// found; point lists need one of the two.
+    #[arg(long, value_name = "RIG.json")]
+    pub rig: Option<PathBuf>,
+    /// Also calibrate on a random half of the dots that all cameras see and triangulate the other
+    /// half, so many times; the report has the median errors.
+    #[arg(long, value_name = "TIMES")]
+    pub splits: Option<u32>,
+    #[command(flatten)]
+    pub solve: SolveArgs,
+    #[command(flatten)]
+    pub output: OutputArgs,
+}
+
+/// Point lists of dots that stay in place, one a camera.
+fn sheets_of_dots(args: &DotsArgs) -> anyhow::Result<Vec<TargetView>> {
+    let mut sheets = Vec::new();
+    for (camera, path) in args.points.iter().enumerate() {
+        let mut views = sheets_of_lists(std::slice::from_ref(path), camera)?;
+        let n = views.len();
+        ensure!(n == 1, "{}: expected dots that stay in place, found {n} views", path.display());
+        sheets.append(&mut views);
+    }
+    Ok(sheets)
+}
+
+/// The target's dots in a picture of each camera, and the pictures' sizes.
+fn sheets_of_target(args: &DotsArgs) -> anyhow::Result<(Vec<TargetView>, Vec<[u32; 2]>)> {
+    let target =
+        point_lists::load_target(args.target.as_deref().context("--target is needed with --pictures")?)?;
+    let (pictures, lists) = (args.pictures.len(), args.picked.len());
+    ensure!(pictures == lists, "--picked: expected a list for each of {pictures} pictures, found {lists}");
+    let progress = progress("pictures", Some(pictures as u64));
+    let (mut sheets, mut sizes) = (Vec::new(), Vec::new());
+    for (camera, (path, picked)) in args.pictures.iter().zip(&args.picked).enumerate() {
+        let picture = GreyImage::load(path)?;
+        let own = [picture.width as u32, picture.height as u32];
+        if let Some([w, h]) = args.size {
+            let ([x, y], file) = (own, path.display());
+            ensure!([x, y] == [w, h], "{file}: expected {w}×{h} px by --size, found {x}×{y}");
+        }
+        // Picking programs write (-1, -1) for a dot that was not seen.
+        let picked = point_lists::load(picked)?.into_iter().flat_map(|v| v.samples);
+        let picked: Vec<_> = picked.filter(|s| s.pixel.x >= 0.0 && s.pixel.y >= 0.0).collect();
+        let [bright, dark] = [false, true].map(|dark| dots::find(&picture, dark));
+        let (n, file) = (target.len(), path.display());
+        ensure!(
+            !bright.is_empty() || !dark.is_empty(),
+            "{file}: expected the {n} dots of the target, round and on an even ground, found none"
+        );
+        let of_colour = |dots: &[dots::Dot]| match_dots(own, dots, &target, &picked);
+        let samples = match (of_colour(&bright), of_colour(&dark)) {
+            (Ok(bright), Ok(dark)) if dark.len() > bright.len() => dark,
+            (Ok(found), _) | (Err(_), Ok(found)) => found,
+            (Err(problem), Err(_)) => return Err(problem).with_context(|| path.display().to_string()),
+        };
+        sizes.push(own);
+        sheets.push(TargetView { name: short(path), camera, view: 0, samples });
+        progress.inc(1);
+    }
+    progress.finish_and_clear();
+    Ok((sheets, sizes))
+}
+
+/// Runs `vitreo calibrate dots`.
+///
+/// # Errors
+/// As [`intrinsics`]; lists or pictures that do not fit the cameras.
+pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
+    // The shipped lenses are nobody's: dots in lists do not say of which camera they are.
+    ensure!(
+        !args.pictures.is_empty() || args.size.is_some() || args.rig.is_some(),
+        "expected --size WIDTHxHEIGHT, to find the lenses too, or --rig RIG.json, whose lenses are kept"
+    );
+    let template = Rig::load_or_shipped(args.rig.as_deref())?;
+    let (sheets, sizes) =
+        if args.pictures.is_empty() { (sheets_of_dots(args)?, Vec::new()) } else { sheets_of_target(args)? };
+    let before: Vec<CameraPrior> = match (args.size, &args.rig) {
+        (Some(size), _) => vec![CameraPrior::Size(size); sheets.len()],
+        (None, None) if !sizes.is_empty() => sizes.iter().copied().map(CameraPrior::Size).collect(),
+        (None, _) => template.cameras().into_iter().map(CameraPrior::Lens).collect(),
+    };
+    let (lists, cameras) = (sheets.len(), before.len());
+    ensure!(lists == cameras, "expected a point list of each of the rig's {cameras} cameras, found {lists}");
+    for ((before, [x, y]), path) in before.iter().zip(sizes).zip(&args.pictures) {
+        if let CameraPrior::Lens(Camera { id, size_px: [w, h], .. }) = before {
+            let fits = [x, y] == [*w, *h];
+            ensure!(fits, "{}: expected {w}×{h} px of camera {id}, found {x}×{y}", path.display());
+        }
+    }
+    let (all, from): (Vec<[u32; 2]>, _) = match args.size {
+        Some(size) => (vec![size; cameras], "--size"),
+        None => (before.iter().map(CameraPrior::size_px).collect(), "the rig"),
+    };
+    checks::inside(&sheets, &all, from)?;
+    let (free, loss) = (args.solve.free(), args.solve.loss);
+    let found = calibrate_on_dots(&before, &sheets, free, loss, &mut |_, _| {})?;
+    let mut notes = vec!["the world is the frame of the dots".into()];
+    notes.extend(checks::remarks(&found, &sheets));
+    let mut report = report_of("dots", &found, &sheets, notes);
+    if let Some(times) = args.splits {
+        let [x, y, z] = median_of_splits(&before, &sheets, free, loss, times)?;
+        for (axis, value) in [("x", x), ("y", y), ("z", z)] {
+            let name = format!("dots held out: rms error along {axis}, {times} splits");
+            report.figure(name, value * 1e3, "µm");
+        }
+    }
+    finish(&args.output, &report, &found, &template)
+}
+
+/// Median errors over random halves; split `n` is the same on every machine.
+fn median_of_splits(
+    before: &[CameraPrior],
+    sheets: &[TargetView],
+    free: [bool; LENS],
+    loss: Robustness,
+    times: u32,
+) -> anyhow::Result<[f64; 3]> {
+    ensure!((1..=10_000).contains(&times), "--splits: expected 1 to 10000, found {times}");
+    let dots = common_dots(sheets, before.len()).len();
+    ensure!(dots >= 24, "--splits: expected 24 dots or more that all cameras see, found {dots}");
+    let progress = progress("splits", Some(times.into()));
+    let split = |seed: u32| -> Result<[f64; 3], CalibrationError> {
+        let chosen = random_half(dots, seed);
+        let errors = held_out(before, sheets, free, loss, &|i| chosen[i]);
+        progress.inc(1);
+        errors
+    };
+    let all = (1..=times).map(split).collect::<Result<Vec<_>, _>>()?;
+    progress.finish_and_clear();
+    Ok([0, 1, 2].map(|axis| {
+        let mut errors: Vec<f64> = all.iter().map(|e| e[axis]).collect();
+        errors.sort_by(f64::total_cmp);
+        (errors[(errors.len() - 1) / 2] + errors[errors.len() / 2]) / 2.0
+    }))
+}
+
+/// Half of `n` things, drawn by a shuffle from `seed` (Fisher–Yates with Knuth's MMIX generator).
+fn random_half(n: usize, seed: u32) -> Vec<bool> {
+    let mut state = u64::from(seed);
+    let mut draw = |below: usize| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((state >> 33) as usize) % below
+    };
+    // The first numbers of neighbouring seeds are alike.
+    for _ in 0..8 {
+        draw(2);
+    }
+    let mut order: Vec<usize> = (0..n).collect();
+    (1..n).rev().for_each(|i| order.swap(i, draw(i + 1)));
+    let mut chosen = vec![false; n];
+    order[..n / 2].iter().for_each(|&i| chosen[i] = true);
+    chosen
+}
