@@ -104,7 +104,7 @@ impl DeviceClock {
     /// Time of a copy of a whole buffer, µs. Empty passes before and after it carry the stamps.
     fn copy_us(&self, gpu: &Gpu, from: &Buffer, to: &Buffer) -> Result<f64, GpuError> {
         let mut encoder = gpu.device.create_command_encoder(&CommandEncoderDescriptor::default());
-        let mut stamp = |encoder: &mut wgpu::CommandEncoder, [begin, end]: [Option<u32>; 2]| {
+        let stamp = |encoder: &mut wgpu::CommandEncoder, [begin, end]: [Option<u32>; 2]| {
             let timestamp_writes = Some(ComputePassTimestampWrites {
                 query_set: &self.stamps,
                 beginning_of_pass_write_index: begin,

@@ -136,12 +136,12 @@ pub fn smoothed(
     let (mut instants, mut bundle) = fitted(rig, instants)?;
     let doubtful = instants.clone();
     for round in 0..2 {
-        for at in 0..instants.len() {
+        for (at, instant) in instants.iter_mut().enumerate() {
             for body in 0..BODIES {
-                let Some(moving) = instants[at].poses[body].as_mut() else { continue };
+                let Some(moving) = instant.poses[body].as_mut() else { continue };
                 let Some([motion, bending]) = differences(&doubtful, &bundle, at, body) else { continue };
                 (moving.motion, moving.bending) = (motion, bending);
-                let own = instants[at].seen.iter_mut().filter(|s| s.body == body && round == 0);
+                let own = instant.seen.iter_mut().filter(|s| s.body == body && round == 0);
                 own.for_each(|s| s.covariance -= s.carried * (1.0 - SMOOTH));
             }
         }
