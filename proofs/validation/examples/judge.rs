@@ -1,18 +1,25 @@
-//! `cargo run --release -p validation --example judge -- [--seeds 200] [--from 20001]`: planted defects, and what the
-//! commands say of them. Every second seed has a rig of its own. Prints the table of `docs/calibration.md`.
+//! Planted defects, and what the commands say of them: table of `docs/calibration.md`.
 
+use clap::Parser;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use validation::judged::{Said, said};
 use validation::planted::Defect;
 
+/// Plants a defect in a stream of every seed, every second one on a rig of its own, and prints what the judge, drift,
+/// pivot, waved and replay say of it.
+#[derive(Parser)]
+struct Args {
+    /// Seeds.
+    #[arg(long, default_value_t = 200)]
+    seeds: u64,
+    /// First seed. Those from 20001 on were not used to set limits.
+    #[arg(long, default_value_t = 20_001)]
+    from: u64,
+}
+
 fn main() {
-    let words: Vec<String> = std::env::args().collect();
-    let number = |name: &str, usual: u64| {
-        let at = words.iter().position(|w| w == name);
-        at.map_or(usual, |at| words.get(at + 1).and_then(|n| n.parse().ok()).expect("a number"))
-    };
-    let (seeds, from) = (number("--seeds", 200), number("--from", 20_001));
+    let Args { seeds, from } = Args::parse();
     let (next, all) = (AtomicU64::new(from), Mutex::new(Vec::new()));
     let work = || {
         loop {

@@ -188,7 +188,7 @@ fn found(place: &Place<'_>, origin: &Origin) -> anyhow::Result<Found> {
             let how = done.origin.differs(origin);
             ensure!(
                 how.is_empty(),
-                "{name}: is there, of another {how}; give this batch a folder of its own"
+                "{name}: already exists and belongs to another {how}; use another folder for this batch"
             );
             inform(&format!("{name}: complete, skipped"));
             Ok(Found::Whole(done.table))
