@@ -3,6 +3,7 @@
 
 use blob_stream::BlobReader;
 use calibration::bundle::PriorSigmas;
+use calibration::causes::{Verdict, judge};
 use calibration::drift_check;
 use calibration::observations::{FrameObservations, collect};
 use calibration::self_calibration::{FEWEST_INSTANTS, fitted, refine, refine_stream};
@@ -54,6 +55,21 @@ fn tips_um(stream: &Stream, rig: &Rig, fields: &[BlobField]) -> f64 {
     }
     assert!(n > 40, "{n} tips only");
     (squares / f64::from(n)).sqrt()
+}
+
+#[test]
+fn the_rig_that_drew_a_stream_holds_whatever_else_its_cameras_see() {
+    // The last one has false blobs in every field, and an instrument that is out of the eye.
+    for name in ["nominal", "static", "samecol", "async", "tremor", "hard"] {
+        let stream = load(name);
+        let judged = judge(&stream.rig, &stream.fields, |_, _| true);
+        println!("{name}: {}", judged.text());
+        assert!(judged.holds && judged.verdict == Verdict::NothingWrong, "{name}: {}", judged.text());
+        assert!(judged.explanations.is_empty() && judged.blobs > 1_000, "{name}: {judged:?}");
+        assert_eq!(judged.text().contains("belong to no marker"), name == "hard", "{}", judged.text());
+    }
+    let drifted = load("calib");
+    assert!(!judge(&drifted.rig, &drifted.fields, |_, _| true).holds);
 }
 
 #[test]

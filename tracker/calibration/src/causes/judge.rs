@@ -4,6 +4,7 @@ use super::judgement::{Explanation, Judgement, Verdict};
 use super::measure::{Left, SLICE_NS, START_NS, measure, slices};
 use super::remedy::{discrete, rescaled, undone};
 use super::search::least;
+use super::together::Together;
 use super::{Cause, places, progressive, together};
 use protocol::blobs::BlobField;
 use protocol::limits::BODIES;
@@ -18,6 +19,8 @@ const STRETCH_NS: u64 = 3_000_000_000;
 const HOLDS_PX: f64 = 0.2;
 /// Share of the blobs that measure poses where a rig holds.
 const HOLDS_SHARE: f64 = 0.85;
+/// The same where no remedy makes it larger, with false blobs in every field and an instrument out of the eye.
+const TRACKED_SHARE: f64 = 0.6;
 /// A remedy explains as much as the best where it takes away this share of what the best does.
 const ALIKE: f64 = 0.93;
 /// Least of the mean square that a remedy takes away, px², and share of it: less is no explanation.
@@ -74,6 +77,7 @@ fn judge_where(
         since_s: from.saturating_sub(begin) as f64 * 1e-9,
         holds: holds(&before),
         above_px: before.all.rms().unwrap_or(0.0),
+        unexplained: 1.0 - before.explained_share(),
         explanations: Vec::new(),
         tried: 0,
     };
@@ -92,11 +96,14 @@ fn judge_where(
         return judgement;
     }
     // Small errors: everything at once, without tracking again for each.
-    if let Some(found) = together::mended(rig, &stretch) {
+    let together = together::estimate(rig, &stretch).ok();
+    if let Some(found) = together.as_ref().filter(|found| found.mends(rig, &stretch)) {
         judgement.tried = found.tried;
         judgement.above_px = found.above.px;
-        judgement.explanations = found.explanations(before.all.count);
         judgement.holds = found.above.is_noise();
+        if !judgement.holds {
+            judgement.explanations = found.explanations(before.all.count);
+        }
         judgement.verdict = match (judgement.holds, judgement.explanations.is_empty()) {
             (true, _) => Verdict::NothingWrong,
             (false, false) => Verdict::Explained,
@@ -104,16 +111,33 @@ fn judge_where(
         };
         return judgement;
     }
-    judgement.holds = false;
-    let hypotheses = hypotheses(rig, &stretch);
-    let Some(found) = try_all(rig, &stretch, &hypotheses, &go_on) else {
-        judgement.verdict = Verdict::Stopped;
-        return judgement;
-    };
-    judgement.tried += hypotheses.len();
-    judgement.explanations = alike(&before, found);
-    judgement.verdict = if judgement.explanations.is_empty() { Verdict::Unknown } else { Verdict::Explained };
+    search(rig, &stretch, (&before, together), &mut judgement, &go_on);
     judgement
+}
+
+/// Tries every remedy. Where none explains what is left, and the blobs that measured poses leave noise, the others
+/// belong to no marker (reflections, markers of an instrument that is out of the eye), which is no error of the rig.
+fn search(
+    rig: &Rig,
+    stretch: &[BlobField],
+    (before, together): (&Left, Option<Together>),
+    judgement: &mut Judgement,
+    go_on: &(impl Fn(usize, usize) -> bool + Sync),
+) {
+    let hypotheses = hypotheses(rig, stretch);
+    let found = try_all(rig, stretch, &hypotheses, go_on);
+    let was_stopped = found.is_none();
+    judgement.tried += if was_stopped { 0 } else { hypotheses.len() };
+    judgement.explanations = found.map_or_else(Vec::new, |found| alike(before, found));
+    let noise = together.filter(|t| t.above.is_noise() && leaves_little(before, TRACKED_SHARE));
+    judgement.holds = judgement.explanations.is_empty() && noise.is_some();
+    judgement.above_px = noise.filter(|_| judgement.holds).map_or(judgement.above_px, |t| t.above.px);
+    judgement.verdict = match (judgement.explanations.is_empty(), judgement.holds, was_stopped) {
+        (false, ..) => Verdict::Explained,
+        (true, true, _) => Verdict::NothingWrong,
+        (true, false, true) => Verdict::Stopped,
+        (true, false, false) => Verdict::Unknown,
+    };
 }
 
 /// The fields that are judged, from an exposure on.
@@ -156,8 +180,12 @@ fn try_all(
 
 /// True where what is left is noise.
 fn holds(left: &Left) -> bool {
-    let share = left.explained.count as f64 / left.all.count.max(1) as f64;
-    share > HOLDS_SHARE && left.explained.rms().is_some_and(|px| px < HOLDS_PX)
+    leaves_little(left, HOLDS_SHARE)
+}
+
+/// True where more than this share of the blobs measured poses, and left little.
+fn leaves_little(left: &Left, share: f64) -> bool {
+    left.explained_share() > share && left.explained.rms().is_some_and(|px| px < HOLDS_PX)
 }
 
 /// The begin of the later slices where they are worse than those before: the split of all slices into two

@@ -3,6 +3,9 @@
 use super::Cause;
 use serde::Serialize;
 
+/// Share of the blobs without a marker that is said.
+const STRANGERS: f64 = 0.15;
+
 /// A cause with its evidence.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Explanation {
@@ -46,6 +49,8 @@ pub struct Judgement {
     pub holds: bool,
     /// Root mean square of what errors of the rig leave above the noise, px; all that is left where that is not known.
     pub above_px: f64,
+    /// Share of the blobs that no marker explains.
+    pub unexplained: f64,
     /// The causes that explain it alike, those with the fewest parameters first.
     pub explanations: Vec<Explanation>,
     /// Causes that were tried.
@@ -59,6 +64,12 @@ impl Judgement {
         let since = format!("from {:.1} s on {left}", self.since_s);
         match self.verdict {
             Verdict::TooLittle => format!("too little to judge: {} blobs", self.blobs),
+            Verdict::NothingWrong if self.unexplained > STRANGERS => format!(
+                "nothing is wrong with the rig; {:.0} % of {} blobs belong to no marker (reflections, or an instrument \
+                 that is hidden in part)",
+                100.0 * self.unexplained,
+                self.blobs
+            ),
             Verdict::NothingWrong => format!("nothing is wrong: {left}"),
             Verdict::Unknown => format!("{since}; none of {} causes explains it", self.tried),
             Verdict::Stopped => format!("{since}; the search for the cause was stopped"),

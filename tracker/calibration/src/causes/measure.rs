@@ -47,6 +47,11 @@ pub struct Left {
 }
 
 impl Left {
+    /// Share of the blobs that measured a pose.
+    pub fn explained_share(&self) -> f64 {
+        self.explained.count as f64 / self.all.count.max(1) as f64
+    }
+
     /// Mean square of all, px²; the largest of nothing.
     pub fn mean(&self) -> f64 {
         self.all.rms().map_or(CAP_PX * CAP_PX, |rms| rms * rms)

@@ -154,24 +154,22 @@ fn retimed(rig: &Rig, fields: &[BlobField], late_s: &[f64]) -> Vec<BlobField> {
     fields
 }
 
-/// As [`estimate`], where it explains the stretch: with everything mended, the blobs measure poses, and leave little.
-pub fn mended(rig: &Rig, fields: &[BlobField]) -> Option<Together> {
-    let together = estimate(rig, fields).ok()?;
-    let bundle = &together.found.bundle;
-    let mut undone = retimed(rig, fields, &bundle.late_s);
-    for field in &mut undone {
-        let Some(c) = rig.cameras.iter().position(|c| c.id == field.camera) else { continue };
-        if bundle.swapped[c] > 0.5 && field.parity < WHOLE_FRAME {
-            field.parity ^= 1;
-        }
-    }
-    let left = measure(&bundle.rig(rig), &undone);
-    let share = left.explained.count as f64 / left.all.count.max(1) as f64;
-    let holds = share > FOLLOWS.0 && left.explained.rms().is_some_and(|px| px < LEFT_PX);
-    (holds && together.noise < NOISE).then_some(together)
-}
-
 impl Together {
+    /// True where it explains the stretch: with everything mended, the blobs measure poses, and leave little.
+    pub fn mends(&self, rig: &Rig, fields: &[BlobField]) -> bool {
+        let bundle = &self.found.bundle;
+        let mut undone = retimed(rig, fields, &bundle.late_s);
+        for field in &mut undone {
+            let Some(c) = rig.cameras.iter().position(|c| c.id == field.camera) else { continue };
+            if bundle.swapped[c] > 0.5 && field.parity < WHOLE_FRAME {
+                field.parity ^= 1;
+            }
+        }
+        let left = measure(&bundle.rig(rig), &undone);
+        let little = left.explained.rms().is_some_and(|px| px < LEFT_PX);
+        left.explained_share() > FOLLOWS.0 && little && self.noise < NOISE
+    }
+
     /// What explains the stretch, judged by so many blobs.
     pub fn explanations(&self, blobs: u64) -> Vec<Explanation> {
         let all = self.explained.iter();
@@ -182,9 +180,8 @@ impl Together {
 /// The bundle adjustment; blobs are deweighted first where the tracker does not follow the rig as it is.
 fn adjusted(rig: &Rig, fields: &[BlobField], free: &Freedom) -> Result<SelfCalibration, CalibrationError> {
     let left = measure(rig, fields);
-    let share = left.explained.count as f64 / left.all.count.max(1) as f64;
     let px = left.explained.rms().unwrap_or(f64::MAX);
-    if share < FOLLOWS.0 || px > FOLLOWS.1 {
+    if left.explained_share() < FOLLOWS.0 || px > FOLLOWS.1 {
         return refine_stream_free(rig, fields, free, MOST, &mut |_, _| {});
     }
     let seen = spread(smoothed(rig, &collect(rig, fields))?, MOST);

@@ -305,9 +305,7 @@ pub fn drift_report(rig: &Rig, found: &DriftCheck, limit_px: f64, judgement: &Ju
         (false, false) => "the rig does not hold",
     };
     report.notes.push(verdict.into());
-    if !judgement.holds {
-        report.notes.push(judgement.text());
-    }
+    report.notes.push(judgement.text());
     report
 }
 
