@@ -73,7 +73,7 @@ fn a_run_that_is_ended_by_hand_says_the_cause_or_that_the_search_was_left_off() 
     interrupt(running.pid());
     drop((poses, observer));
     let said = running.finish();
-    assert!(said.stdout.contains("are swapped") || said.stdout.contains("was left off"), "{said:?}");
+    assert!(said.stdout.contains("are swapped") || said.stdout.contains("the search for the cause"), "{said:?}");
 }
 
 /// The golden recording with its items changed.
@@ -153,6 +153,6 @@ fn a_what_if_of_a_part_begins_with_what_was_known_at_the_cut() {
     vitreo(&["replay", &other, "--lockstep", "--verify"]).expect_code(0);
     vitreo(&["diff", &part, &other]).expect_code(5);
     let scene = what_if(&path("f.mcap"), &["--set", "scene.membrane.lift_mm=0.2"]).expect_code(2);
-    assert!(scene.stderr.contains("was cut") && scene.stderr.contains("c.mcap"), "{scene:?}");
+    assert!(scene.stderr.contains("is a cut part") && scene.stderr.contains("c.mcap"), "{scene:?}");
     assert!(!folder.path().join("f.mcap").exists());
 }

@@ -242,7 +242,7 @@ fn a_driver_that_is_killed_comes_back() {
     let (done, report) = hosted.end();
     let restarts = report["restarts"].as_object().expect("restarts");
     assert!(restarts.values().all(|n| *n == 0), "{restarts:?} {done:?}");
-    assert!(report["states_lost"] == 0 && done.stderr.contains("c-example has come"), "{done:?}");
+    assert!(report["states_lost"] == 0 && done.stderr.contains("c-example has connected"), "{done:?}");
     let prefix = text(&prefix);
     let shared = std::fs::read_dir("/dev/shm").expect("/dev/shm").flatten();
     let leaked: Vec<PathBuf> = shared.map(|e| e.path()).filter(|p| text(p).starts_with(&prefix)).collect();

@@ -139,11 +139,11 @@ impl TrackerProcess {
             built = shell.trace.begin();
             checked.is_ok()
         })?;
-        let sent = self.shell.trace.end(Phase::SendPoses, about, built);
-        self.shell.trace.end(Phase::Track, about, begun);
+        self.shell.trace.end(Phase::SendPoses, about, built);
+        let tracked = self.shell.trace.end(Phase::Track, about, begun);
         self.tracker.follow_up(self.assembler.used());
         match checked {
-            Ok(()) => self.send_matches(about, sent)?,
+            Ok(()) => self.send_matches(about, tracked)?,
             Err(invalid) => self.withhold(&invalid),
         }
         Ok(())
@@ -159,9 +159,9 @@ impl TrackerProcess {
     }
 
     /// Sends what nobody waits for, after the poses, for which somebody waits.
-    fn send_matches(&mut self, about: About, sent: Nanos) -> anyhow::Result<()> {
+    fn send_matches(&mut self, about: About, tracked: Nanos) -> anyhow::Result<()> {
         self.matches.send(self.tracker.matches())?;
-        let begun = self.shell.trace.end(Phase::FollowUp, about, sent);
+        let begun = self.shell.trace.end(Phase::FollowUp, about, tracked);
         if self.saving.save_if_due(&self.tracker)? {
             self.shell.trace.end(Phase::SaveTracker, about, begun);
         }
