@@ -73,7 +73,10 @@ fn a_run_that_is_ended_by_hand_says_the_cause_or_that_the_search_was_left_off() 
     interrupt(running.pid());
     drop((poses, observer));
     let said = running.finish();
-    assert!(said.stdout.contains("are swapped") || said.stdout.contains("the search for the cause"), "{said:?}");
+    assert!(
+        said.stdout.contains("are swapped") || said.stdout.contains("the search for the cause"),
+        "{said:?}"
+    );
 }
 
 /// The golden recording with its items changed.

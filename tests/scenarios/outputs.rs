@@ -379,5 +379,9 @@ fn deleting_a_trainee_deletes_no_other_recording() {
     add("t3").expect_code(0);
     std::fs::write(desk.at("own.mcap"), "something else").expect("written");
     let done = vitreo(&["results", "delete", "--store", &store, "t3", "--recordings"]).expect_code(3);
-    assert!(desk.at("own.mcap").exists() && done.stderr.contains("is not the attempt's recording"), "{}", done.stderr);
+    assert!(
+        desk.at("own.mcap").exists() && done.stderr.contains("is not the attempt's recording"),
+        "{}",
+        done.stderr
+    );
 }
