@@ -14,6 +14,10 @@ use protocol::blobs::BlobField;
 use protocol::poses::BODY_NAMES;
 use rig::Rig;
 
+/// Where the cause is not known, a refined rig must leave less than this share of what the rig as it was leaves of
+/// held-out instants: freedom alone takes away a little of what no place of a camera explains, a parity for one.
+const OF_UNKNOWN: f64 = 0.75;
+
 /// What came of it.
 pub enum Mended {
     /// A rig that predicts held-out instants better.
@@ -81,7 +85,8 @@ pub fn mend(
         fields.iter().partition(|f| f.exposed_ns < half);
     let learnt = refine_stream_free(rig, &learnt_by, &free, most, progress)?.bundle.rig(rig);
     let held_out_px = [rig, &learnt].map(|rig| measure(rig, &rest).mean().sqrt());
-    if held_out_px[1] >= held_out_px[0] {
+    let share = if judgement.verdict == Verdict::Unknown { OF_UNKNOWN } else { 1.0 };
+    if held_out_px[1] >= share * held_out_px[0] {
         let [before, after] = held_out_px;
         return Ok(Mended::Nothing(format!(
             "the refined rig predicts instants that took no part no better: {after:.3} px are left of them, {before:.3} px \
