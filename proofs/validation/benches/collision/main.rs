@@ -14,6 +14,7 @@ mod peers;
 mod queries;
 mod setting;
 mod spheres;
+mod trees;
 
 use peers::{Method, methods};
 use setting::{Frame, SIZES, Setting};

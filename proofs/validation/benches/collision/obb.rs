@@ -2,10 +2,11 @@
 //! detection", 1996): the membrane's is built anew every frame, as RAPID's must be when the mesh deforms, and the
 //! instrument's once, with the exact test behind them. Stands for RAPID in the paper's Table 2.
 
-use crate::peers::{Method, triangle};
+use crate::peers::Method;
 use crate::setting::{Frame, Setting};
+use crate::trees::{Below, intersecting};
 use nalgebra::{Matrix3, Vector3};
-use validation::exact::tritri::{Corner, Triangle};
+use validation::exact::tritri::Corner;
 
 /// Added to every half side, in grid steps: more than the rounding of `f32` in the tests.
 const SLACK: f32 = 2.0;
@@ -18,13 +19,6 @@ struct Oriented {
     centre: Vector3<f32>,
     axes: Matrix3<f32>,
     half: Vector3<f32>,
-}
-
-/// A node: a triangle, or two nodes that come before it.
-#[derive(Debug, Clone, Copy)]
-enum Below {
-    Triangle(u32),
-    Nodes(u32, u32),
 }
 
 /// Nodes with children before parents; the root is the last.
@@ -179,32 +173,10 @@ impl Method for ObbTrees {
     fn query(&mut self, frame: &Frame) -> usize {
         let ObbTrees { membrane, instrument, on_grid, stack, pairs, .. } = self;
         pairs.clear();
-        stack.push((membrane.below.len() as u32 - 1, instrument.below.len() as u32 - 1));
-        let mut last: (u32, Option<Triangle>) = (u32::MAX, None);
-        while let Some((m, i)) = stack.pop() {
-            let (a, b) = (&membrane.boxes[m as usize], &instrument.boxes[i as usize]);
-            if !a.meets(b) {
-                continue;
-            }
-            match (membrane.below[m as usize], instrument.below[i as usize]) {
-                (Below::Triangle(t), Below::Triangle(u)) => {
-                    if last.0 != t {
-                        last = (t, triangle(frame, on_grid, t as usize));
-                    }
-                    let (other, number) = &frame.mesh.triangles()[u as usize];
-                    if last.1.is_some_and(|mine| mine.intersects(other)) {
-                        pairs.push((t, *number));
-                    }
-                }
-                (Below::Nodes(l, r), Below::Triangle(_)) => stack.extend([(l, i), (r, i)]),
-                (Below::Triangle(_), Below::Nodes(l, r)) => stack.extend([(m, l), (m, r)]),
-                // The larger one is divided.
-                (Below::Nodes(l, r), Below::Nodes(..)) if a.size() > b.size() => {
-                    stack.extend([(l, i), (r, i)]);
-                }
-                (_, Below::Nodes(l, r)) => stack.extend([(m, l), (m, r)]),
-            }
-        }
+        let meets = |m: usize, i: usize| membrane.boxes[m].meets(&instrument.boxes[i]);
+        let is_larger = |m: usize, i: usize| membrane.boxes[m].size() > instrument.boxes[i].size();
+        let nodes: [&[Below]; 2] = [&membrane.below, &instrument.below];
+        intersecting(frame, on_grid, nodes, stack, meets, is_larger, pairs);
         pairs.len()
     }
     fn pairs(&self) -> Vec<(u32, u32)> {

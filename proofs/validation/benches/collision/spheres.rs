@@ -1,9 +1,10 @@
 //! Trees of bounding spheres (Hubbard 1995; Quinlan 1994): over the membrane refitted every frame,
 //! over the instrument static, with the exact test behind them.
 
-use crate::peers::{Method, triangle};
+use crate::peers::Method;
 use crate::setting::{Frame, Setting};
-use validation::exact::tritri::{Corner, Triangle};
+use crate::trees::{Below, intersecting};
+use validation::exact::tritri::Corner;
 
 /// Added to every radius: larger than any rounding of `f32` in it, in grid steps.
 const SLACK: f32 = 1.0;
@@ -12,13 +13,6 @@ const SLACK: f32 = 1.0;
 struct Sphere {
     at: [f32; 3],
     radius: f32,
-}
-
-/// A node: a triangle, or two nodes that come before it.
-#[derive(Debug, Clone, Copy)]
-enum Below {
-    Triangle(u32),
-    Nodes(u32, u32),
 }
 
 /// Nodes with children before parents; the root is the last.
@@ -125,32 +119,17 @@ impl Method for SphereTrees {
     fn query(&mut self, frame: &Frame) -> usize {
         let SphereTrees { membrane, instrument, corners, stack, pairs } = self;
         pairs.clear();
-        stack.push((membrane.below.len() as u32 - 1, instrument.below.len() as u32 - 1));
-        let mut last: (u32, Option<Triangle>) = (u32::MAX, None);
-        while let Some((m, i)) = stack.pop() {
-            let (a, b) = (membrane.sphere[m as usize], instrument.sphere[i as usize]);
-            if distance(a.at, b.at) > a.radius + b.radius {
-                continue;
-            }
-            match (membrane.below[m as usize], instrument.below[i as usize]) {
-                (Below::Triangle(t), Below::Triangle(u)) => {
-                    if last.0 != t {
-                        last = (t, triangle(frame, corners, t as usize));
-                    }
-                    let (other, number) = &frame.mesh.triangles()[u as usize];
-                    if last.1.is_some_and(|mine| mine.intersects(other)) {
-                        pairs.push((t, *number));
-                    }
-                }
-                (Below::Nodes(l, r), Below::Triangle(_)) => stack.extend([(l, i), (r, i)]),
-                (Below::Triangle(_), Below::Nodes(l, r)) => stack.extend([(m, l), (m, r)]),
-                // The larger one is divided.
-                (Below::Nodes(l, r), Below::Nodes(..)) if a.radius > b.radius => {
-                    stack.extend([(l, i), (r, i)]);
-                }
-                (_, Below::Nodes(l, r)) => stack.extend([(m, l), (m, r)]),
-            }
-        }
+        let of = |m: usize, i: usize| (membrane.sphere[m], instrument.sphere[i]);
+        let meets = |m, i| {
+            let (a, b) = of(m, i);
+            distance(a.at, b.at) <= a.radius + b.radius
+        };
+        let is_larger = |m, i| {
+            let (a, b) = of(m, i);
+            a.radius > b.radius
+        };
+        let nodes: [&[Below]; 2] = [&membrane.below, &instrument.below];
+        intersecting(frame, corners, nodes, stack, meets, is_larger, pairs);
         pairs.len()
     }
     fn pairs(&self) -> Vec<(u32, u32)> {

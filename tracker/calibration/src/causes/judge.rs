@@ -70,17 +70,7 @@ fn judge_where(
     let from = onset.filter(|_| !always).unwrap_or(begin);
     let stretch = stretch(fields, from);
     let before = measure(rig, &stretch);
-    let mut judgement = Judgement {
-        verdict: Verdict::TooLittle,
-        left_px: before.all.rms().unwrap_or(0.0),
-        blobs: before.all.count,
-        since_s: from.saturating_sub(begin) as f64 * 1e-9,
-        holds: holds(&before),
-        above_px: before.all.rms().unwrap_or(0.0),
-        unexplained: 1.0 - before.explained_share(),
-        explanations: Vec::new(),
-        tried: 0,
-    };
+    let mut judgement = beginning(&before, from.saturating_sub(begin));
     if before.all.count < 200 {
         return judgement;
     }
@@ -98,21 +88,41 @@ fn judge_where(
     // Small errors: everything at once, without tracking again for each.
     let together = together::estimate(rig, &stretch).ok();
     if let Some(found) = together.as_ref().filter(|found| found.mends(rig, &stretch)) {
-        judgement.tried = found.tried;
-        judgement.above_px = found.above.px;
-        judgement.holds = found.above.is_noise();
-        if !judgement.holds {
-            judgement.explanations = found.explanations(before.all.count);
-        }
-        judgement.verdict = match (judgement.holds, judgement.explanations.is_empty()) {
-            (true, _) => Verdict::NothingWrong,
-            (false, false) => Verdict::Explained,
-            (false, true) => Verdict::Unknown,
-        };
+        take(found, &mut judgement);
         return judgement;
     }
     search(rig, &stretch, (&before, together), &mut judgement, &go_on);
     judgement
+}
+
+/// A judgement before anything was looked into.
+fn beginning(before: &Left, since_ns: u64) -> Judgement {
+    Judgement {
+        verdict: Verdict::TooLittle,
+        left_px: before.all.rms().unwrap_or(0.0),
+        blobs: before.all.count,
+        since_s: since_ns as f64 * 1e-9,
+        holds: holds(before),
+        above_px: before.all.rms().unwrap_or(0.0),
+        unexplained: 1.0 - before.explained_share(),
+        explanations: Vec::new(),
+        tried: 0,
+    }
+}
+
+/// Judges by what was estimated together.
+fn take(found: &Together, judgement: &mut Judgement) {
+    judgement.tried = found.tried;
+    judgement.above_px = found.above.px;
+    judgement.holds = found.above.is_noise();
+    if !judgement.holds {
+        judgement.explanations = found.explanations(judgement.blobs);
+    }
+    judgement.verdict = match (judgement.holds, judgement.explanations.is_empty()) {
+        (true, _) => Verdict::NothingWrong,
+        (false, false) => Verdict::Explained,
+        (false, true) => Verdict::Unknown,
+    };
 }
 
 /// Tries every remedy. Where none explains what is left, and the blobs that measured poses leave noise, the others
