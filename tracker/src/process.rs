@@ -1,6 +1,7 @@
 //! The process: fields in, frames and checkpoints out. The only module that knows the clock and the
 //! transport.
 
+mod readiness;
 mod saving;
 
 use crate::assembler::{ClosedFrame, FrameAssembler};
@@ -22,6 +23,7 @@ use protocol::message::{Invalid, Message};
 use protocol::phases::{Phase, Unmarked};
 use protocol::poses::{ClosedBy, TrackerFrame};
 use protocol::time::Nanos;
+use readiness::Readiness;
 use rig::Rig;
 use saving::Saving;
 use std::collections::VecDeque;
@@ -43,6 +45,7 @@ struct TrackerProcess {
     poses: Sender<TrackerFrame>,
     matches: Sender<MatchFrame>,
     saving: Saving,
+    readiness: Readiness,
     shell: Shell,
     assembler: FrameAssembler,
     tracker: Tracker,
@@ -72,6 +75,7 @@ impl TrackerProcess {
             poses: instance.sender()?,
             matches: instance.sender()?,
             saving: Saving::open(&instance, &tracker)?,
+            readiness: Readiness::new(&tracker, rig.field_period_ns(), config.ready_ahead_us * 1000),
             shell,
             assembler: FrameAssembler::new(&rig),
             tracker,
@@ -142,6 +146,13 @@ impl TrackerProcess {
         self.shell.trace.end(Phase::SendPoses, about, built);
         let tracked = self.shell.trace.end(Phase::Track, about, begun);
         self.tracker.follow_up(self.assembler.used());
+        let taken_ns = closed.taken_ns;
+        self.readiness.note(
+            self.assembler.used(),
+            &closed.reference,
+            taken_ns,
+            now().saturating_sub(taken_ns),
+        );
         match checked {
             Ok(()) => self.send_matches(about, tracked)?,
             Err(invalid) => self.withhold(&invalid),
@@ -189,6 +200,7 @@ impl Work<anyhow::Error> for TrackerProcess {
     /// before it is in time.
     fn rest(&mut self) {
         let until = if self.more { 0 } else { self.assembler.deadline(now()).unwrap_or(Nanos::MAX) };
+        let until = self.readiness.wake_ns().map_or(until, |wake_ns| until.min(wake_ns));
         self.shell.rest(&[&self.blobs], until);
     }
 
@@ -221,6 +233,10 @@ impl Work<anyhow::Error> for TrackerProcess {
 
     fn turn(&mut self, _woken: Nanos) -> anyhow::Result<()> {
         self.receive_fields()?;
+        while self.readiness.prepare(now()) {
+            std::hint::spin_loop();
+            self.receive_fields()?;
+        }
         self.report();
         Ok(())
     }
