@@ -90,11 +90,11 @@ pub fn study(threads: usize) -> Result<String> {
     let count = |surgeon: bool| recordings.iter().filter(|r| r.surgeon == surgeon).count();
     let _ = writeln!(
         out,
-        "Hands recorded by the M2S2 studies (pointing at and tracing a target under a microscope; {} recordings of surgeons, {} of novices).
-The script is the expert's in every attempt; the recorded hand's movement above 1 Hz takes the place of the tremor at the working
-hand. Every level, {SEEDS} seeds a level; the figures of a recording are the means of its attempts, so that a recording counts
-once. d: Cohen's, above 0 where surgeons are better; in brackets the interval that holds 95 % of 10,000 bootstrap draws over the
-recordings.
+        "The hands were recorded by the M2S2 studies (pointing at and tracing a target under a microscope; {} recordings of
+surgeons, {} of novices). The script is the expert's in every attempt; in the working hand, the recorded movement above 1 Hz
+replaces the tremor. Each recording plays every level with {SEEDS} seeds; its figures are the means of these attempts, so each
+recording counts once. d: Cohen's d, positive where surgeons are better, with the 95 % interval of 10,000 bootstrap
+draws over the recordings in brackets.
 ",
         count(true),
         count(false)
@@ -110,9 +110,10 @@ recordings.
 }
 
 const LIMITS: &str = "\
-The recordings are of two surgeons and three novices, and each person is in it twice; the intervals treat recordings as
-independent and are therefore too narrow. The hands pointed and traced, they did not operate, and only what they do above 1 Hz is
-used: this says whether tremor as it is scored here tells these hands apart, not whether the score measures surgical skill.
+The recordings come from two surgeons and three novices, two of each person. The intervals treat recordings as
+independent and are therefore too narrow. The hands pointed and traced; they did not operate, and only their movement
+above 1 Hz is used. This shows whether the scored tremor separates these hands, not whether the score measures surgical
+skill.
 ";
 
 fn section(out: &mut String, module: &str, recordings: &[Recording], scores: &[Vec<Score>]) {
@@ -147,11 +148,11 @@ fn section(out: &mut String, module: &str, recordings: &[Recording], scores: &[V
             .filter(|(_, l, h)| if better { *l > 0.0 } else { *h < 0.0 })
             .map(|v| v.0)
             .collect();
-        if names.is_empty() { "in nothing".into() } else { format!("in {}", names.join("; ")) }
+        if names.is_empty() { "none".into() } else { names.join("; ") }
     };
     let _ = writeln!(
         out,
-        "\nThe interval is wholly above 0 (surgeons better) {}; wholly below 0 (novices better) {}.\n",
+        "\nFigures whose interval is above 0 (surgeons better): {}. Below 0 (novices better): {}.\n",
         sure(true),
         sure(false)
     );

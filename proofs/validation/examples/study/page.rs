@@ -123,29 +123,30 @@ pub fn page(part1: &Part1, level: u32, part2: &str) -> String {
     let (expert, careless, idle) = (good("expert"), good("careless"), good("idle"));
     let each = all * seeds as usize;
     format!(
-        "# Study: does the score tell surgeons apart?
+        "# Study: does the score separate surgeons by skill?
 
-Made by `make study STUDY=\"--level {level} --seeds {seeds}\"`, which plays {attempts} attempts without pixels: the script of a scripted surgeon with their tremor, markers made
-straight into blobs with noise, then tracker, simulation, task and score as in a live run (`proofs/validation/src/pipeline.rs`). Version {VERSION} of the
-score, level {level} of each module, {seeds} seeds for each surgeon.
+This page shows how well the score (`docs/score.md`) separates surgeons of different skill, for readers who judge the
+score. `make study STUDY=\"--level {level} --seeds {seeds}\"` writes it from {attempts} attempts without pixels: a scripted surgeon's script
+and tremor, markers projected directly to blobs with noise, then tracker, simulation, task and score as in a live run
+(`proofs/validation/src/pipeline.rs`). Score version {VERSION}, level {level} of each module, {seeds} seeds per surgeon.
 
-Scripts and score are both ours, so part 1 shows that the score does what it is meant to, not that it measures surgeons. Part 2
-has hands that are not ours.
+Scripts and score come from the same authors, so part 1 shows that the score does what it is meant to, not that it
+measures surgeons. Part 2 uses recorded hands from independent studies.
 
 ## Part 1: scripted surgeons
 
-The surgeons are sets of parameters in `libs/surgeon/src/skill.rs`: {}. Idle hands move once, by which the attempt
-begins, and rest until the time is over.
+The surgeons are sets of parameters in `libs/surgeon/src/skill.rs`: {}. Idle hands
+move once, which begins the attempt, and then rest until its time is over.
 
 ![Points of every attempt, by module and surgeon](study.png)
 
-Each point is an attempt, each line the mean of a surgeon. Grey: {EXPERT_FROM} and {CARELESS_BELOW} points.
+Each dot is an attempt, each line the mean of a surgeon. Grey lines: {EXPERT_FROM} and {CARELESS_BELOW} points.
 
-Of {each} attempts of the expert {expert} were finished and brought {EXPERT_FROM} points or more; of {each} of the careless one {careless} brought less than
-{CARELESS_BELOW}; of {each} of idle hands {idle} brought {IDLE_UP_TO} or less. In {fits} of {all} modules every attempt is within these bounds, and the means stand
-in the order {}.
+The expert finished {expert} of {each} attempts with {EXPERT_FROM} points or more. The careless surgeon got less than {CARELESS_BELOW} points in {careless} of {each},
+idle hands {IDLE_UP_TO} or less in {idle} of {each}. In {fits} of {all} modules every attempt is within these bounds, and the means have the order {}.
 
-Points: mean ± deviation (least to most). d: Cohen's, the difference of two means in pooled deviations.
+Points: mean ± standard deviation (minimum to maximum). d: Cohen's d, the difference of two means over their pooled
+standard deviation.
 
 {}
 Means by category, points:
