@@ -119,8 +119,8 @@ macro_rules! metrics {
 
 metrics! {
     Goals = Target, "goals", "goals reached", "share", 25.0, 1.0 => 0.0,
-        "mean over the goals of the task: 1 for one that is reached (event 111), else the most of it that was done, in tenths (event 123): \
-         of its time, its path, its volume or its number of events";
+        "mean over the goals of the task: 1 for a goal reached (event 111), else the largest completed share, in tenths (event 123), of \
+         its time, path, volume or number of events";
     Precision = Target, "precision", "distance from the goals", "share of the radius", 5.0, 0.4 => 1.0,
         "mean over the goals reached that have a radius: mean distance of the smoothed tip (time constant 0.1 s) or body \
          from the goal while it was held / radius of the goal";
@@ -137,7 +137,7 @@ metrics! {
     Speed = Instruments, "speed", "greatest speed", "mm/s", 3.0, 12.0 => 40.0,
         "greatest speed of a smoothed tip in the eye";
     SpeedNearRetina = Instruments, "speed-near-retina", "greatest speed near the retina", "mm/s", 3.0, 4.0 => 16.0,
-        "greatest speed of a smoothed tip within 1 mm of the retina, of those that are";
+        "greatest speed of a smoothed tip while it is within 1 mm of the retina";
     Grip = Instruments, "grip", "grips that slipped", "times", 3.0, 0.0 => 3.0,
         "number of events 12";
     OutOfView = Microscope, "out-of-view", "working out of view", "share", 6.0, 0.02 => 0.3,
@@ -215,15 +215,15 @@ pub const PENALTIES: [Penalty; INJURIES] = [
         name: "retina contact",
         share: 0.08,
         serious: false,
-        what: "a contact with the retina (event 2) that does not go into it; what jaws hold, or a needle is in (events 10 and 70 to 11, 12 and \
-               71), is work, and so is pressing a detached retina on by up to 0.1 mm with the jaws that hold it. Contacts and haemorrhages of a hand within 0.5 mm that follow each other within a second are one",
+        what: "a contact with the retina (event 2) that does not go into it. Contacts while jaws hold the retina or a needle is in it (events 10 \
+               and 70 to 11, 12 and 71) do not count, nor does pressing detached retina by up to 0.1 mm with the jaws that hold it. Contacts and haemorrhages of a hand within 0.5 mm and a second of the one before count once",
     },
     Penalty {
         name: "pull at the retina",
         share: 0.03,
         serious: false,
-        what: "event 14, 62, 72, 77, 81 or 83 (pull of membrane or vitreous, needle or injection too fast); one that goes on is \
-               one",
+        what: "event 14, 62, 72, 77, 81 or 83 (pull of membrane or vitreous, needle or injection too fast); a continuous pull \
+               counts once",
     },
 ];
 
