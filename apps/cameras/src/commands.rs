@@ -17,22 +17,23 @@ use std::path::PathBuf;
 /// The sub-commands.
 #[derive(Debug, Clone, clap::Subcommand)]
 pub enum Command {
-    /// List the cameras of this machine, or show how those of a rig stand.
+    /// List the cameras of this machine, or show the condition of a rig's cameras.
     Cameras(CamerasArgs),
 }
 
 /// Arguments of `vitreo cameras`.
 #[derive(Debug, Clone, clap::Args)]
+#[command(mut_arg("force", |arg| arg.help_heading("Outputs")))]
 #[command(
-    after_help = "Without cameras, those of this machine are listed with their modes. With them, a line a second \
-    for each says how it stands and what to do, until Ctrl-C (docs/cameras.md)."
+    after_help = "Without cameras, the command lists those of this machine with their modes. With cameras, it prints \
+    one line per second for each, with its condition and a remedy for each problem, until Ctrl-C (docs/cameras.md)."
 )]
 pub struct CamerasArgs {
-    /// The cameras: v4l2:/dev/videoN, genicam:NAME, y4m:PATH, mcap:FILE, several separated by commas, or virtual; the first stands
-    /// for the first of the rig, and so on.
+    /// Cameras in the order of the rig, separated by commas: v4l2:/dev/videoN, genicam:NAME, y4m:PATH or mcap:FILE; or
+    /// virtual for simulated cameras.
     #[arg(value_name = "SPEC,...", conflicts_with = "list")]
     pub cameras: Option<Cameras>,
-    /// List the cameras of this machine, and their modes.
+    /// List the cameras of this machine and their modes.
     #[arg(long)]
     pub list: bool,
     /// The rig.
@@ -41,14 +42,14 @@ pub struct CamerasArgs {
     /// What counts as a blob.
     #[command(flatten)]
     pub extraction: ExtractionArgs,
-    /// Write a picture of each camera into a folder, camera-0.png and so on, and end.
-    #[arg(long, value_name = "DIR", requires = "cameras")]
+    /// Write a picture of each camera into a folder, as camera-0.png and so on, and stop.
+    #[arg(long, value_name = "DIR", requires = "cameras", help_heading = "Outputs")]
     pub snapshot: Option<PathBuf>,
-    /// Keep all fields: in FILE.mcap, packed without loss and with their stamps, for vitreo blobs and --cameras mcap:, or
-    /// in a folder, camera-0.y4m and so on, clips for vitreo blobs and --cameras y4m:.
-    #[arg(long, value_name = "FILE.mcap|DIR", requires = "cameras")]
+    /// Record all fields: losslessly compressed with their timestamps into FILE.mcap, for vitreo blobs and --cameras
+    /// mcap:, or as clips camera-0.y4m and so on into a folder, for vitreo blobs and --cameras y4m:.
+    #[arg(long, value_name = "FILE.mcap|DIR", requires = "cameras", help_heading = "Outputs")]
     pub record_fields: Option<PathBuf>,
-    /// End after S seconds.
+    /// Stop after S seconds.
     #[arg(long, value_name = "S", value_parser = crate::config::seconds, requires = "cameras")]
     pub duration: Option<f64>,
     /// Whether files that exist are written over.

@@ -22,7 +22,7 @@ pub const LARGEST_LEFT_PX: f64 = 0.9;
 /// Arguments of the step.
 #[derive(Debug, Clone, clap::Args)]
 pub struct CheckArgs {
-    /// A stream (.mcap, .jsonl) of moving instruments; without it the rig alone is looked at.
+    /// Stream (.mcap, .jsonl) of moving instruments [default: only the rig file is checked].
     #[arg(long, value_name = "STREAM")]
     pub from: Option<PathBuf>,
 }

@@ -17,7 +17,7 @@ use std::process::ExitCode;
 /// What vitreo.toml says to the commissioning.
 pub const SETTINGS: Program = Program { prefix: "commission", without: &[], elsewhere: None };
 
-/// Takes a new rig into use, step by step, in a folder; without a step it says what is done and what is next.
+/// Set up a new rig step by step in a folder; without a step, show what is done and what is next.
 #[derive(Debug, Clone, clap::Parser)]
 #[command(name = "vitreo-commission", version)]
 pub struct CommissionArgs {
@@ -27,10 +27,10 @@ pub struct CommissionArgs {
     /// Whether files of settings are read.
     #[command(flatten)]
     pub settings: SettingsArgs,
-    /// Folder of the rig: rig.json, colours.toml, pictures and report.html; made where it is not there.
+    /// Folder of the rig, with rig.json, colours.toml, pictures and report.html; created if missing.
     #[arg(value_name = "FOLDER")]
     pub folder: PathBuf,
-    /// Rig to begin with: sizes of the cameras, markers, about where all is. The shipped one if not given.
+    /// Rig to start from: picture sizes of the cameras, markers, approximate positions [default: the shipped rig].
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
     /// Do a step again that was done; what is there stays where it is better.
@@ -44,15 +44,15 @@ pub struct CommissionArgs {
 /// The steps.
 #[derive(Debug, Clone, clap::Subcommand)]
 pub enum Task {
-    /// What the cameras take for which colour, from pictures of the markers held still.
+    /// Learn the colour classes from pictures of the markers held still.
     Colours(PicturesArgs),
-    /// Lens of each camera, from pictures of a board held differently in each.
+    /// Calibrate the lens of each camera from pictures of a board in different poses.
     Lenses(LensesArgs),
-    /// Places of the cameras, from a board that they see together, or from waved instruments.
+    /// Calibrate the poses of the cameras from a board that they see together, or from waved instruments.
     Poses(PosesArgs),
-    /// Trocars and the eye's centre, from tilted instruments and a turning eye.
+    /// Calibrate the trocars and the eye's centre from tilted instruments and a turning eye.
     Trocars(TrocarsArgs),
-    /// What the cameras see, how well tips are known, and whether the rig holds; exit code 5 if it does not.
+    /// Check the coverage of the cameras, the accuracy of tips and whether the rig holds; exit code 5 if it does not.
     Check(CheckArgs),
 }
 

@@ -32,7 +32,7 @@ pub struct LensesArgs {
     /// The pictures.
     #[command(flatten)]
     pub pictures: PicturesArgs,
-    /// Terms of the distortion to leave out; none to find all.
+    /// Distortion terms fixed at 0; none calibrates all.
     #[arg(
         long, value_delimiter = ',', value_name = "TERMS", default_value = "k3",
         value_parser = ["k1", "k2", "p1", "p2", "k3", "none"]

@@ -20,18 +20,22 @@ const CLIP: &str = "y4m";
 /// Where pictures come from.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct PicturesArgs {
-    /// Pictures (PNG, JPEG), clips or pipes (Y4M), or folders of them; names say of which camera: cam0/007.png,
-    /// cam0-007.png, cam0.y4m. Equal numbers of several cameras were taken together.
-    #[arg(long, value_name = "PATH", num_args = 1.., required_unless_present = "cameras")]
+    /// Pictures (PNG, JPEG), clips or pipes (Y4M), or folders of them. Names give the camera: cam0/007.png,
+    /// cam0-007.png, cam0.y4m. Pictures of several cameras with the same number were taken together. The
+    /// step poses also takes one stream (.mcap, .jsonl) of waved instruments.
+    #[arg(long, value_name = "PATH", num_args = 1.., required_unless_present = "cameras", help_heading = "Pictures")]
     pub from: Vec<PathBuf>,
-    /// Live cameras, one for each of the rig in its order: y4m:PIPE or v4l2:/dev/videoN.
-    #[arg(long, value_name = "SPEC,...", value_delimiter = ',', value_parser = live, conflicts_with = "from")]
+    /// Live cameras in the order of the rig: y4m:PIPE or v4l2:/dev/videoN.
+    #[arg(long, value_name = "SPEC,...", value_delimiter = ',', value_parser = live, conflicts_with = "from", help_heading = "Pictures")]
     pub cameras: Vec<PathBuf>,
-    /// Of clips and live cameras one picture in so many is looked at.
-    #[arg(long, value_name = "N", default_value_t = 25, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    /// Use every Nth picture of clips and live cameras.
+    #[arg(
+        long, value_name = "N", default_value_t = 25, value_parser = clap::value_parser!(u64).range(1..=100_000),
+        help_heading = "Pictures"
+    )]
     pub every: u64,
-    /// Most pictures of a camera that are looked at; live cameras are left after them.
-    #[arg(long, value_name = "N", default_value_t = 40, value_parser = most)]
+    /// Use at most N pictures per camera; live capture then stops.
+    #[arg(long, value_name = "N", default_value_t = 40, value_parser = most, help_heading = "Pictures")]
     pub most: usize,
 }
 

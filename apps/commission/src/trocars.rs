@@ -22,7 +22,7 @@ const SHOULD_MM: f64 = 0.1;
 /// Arguments of the step.
 #[derive(Debug, Clone, clap::Args)]
 pub struct TrocarsArgs {
-    /// A stream (.mcap, .jsonl) of instruments that are tilted in their trocars, and an eye that turns.
+    /// Stream (.mcap, .jsonl) of instruments tilted in their trocars and of a turning eye.
     #[arg(long, value_name = "STREAM")]
     pub from: PathBuf,
 }

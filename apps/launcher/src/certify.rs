@@ -56,33 +56,33 @@ const FLOOR_S: f64 = 60.0;
 
 /// Arguments of `vitreo certify`.
 #[derive(Debug, Clone, clap::Args)]
+#[command(mut_arg("force", |arg| arg.help_heading("Outputs")))]
 pub struct CertifyArgs {
     /// Cameras, markers and trocars [default: the shipped rig of 200 Hz].
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
-    /// How long it is measured in real time, s [default: 120].
+    /// Duration of the measurement in real time, s [default: 120].
     #[arg(long, value_name = "S", value_parser = positive, conflicts_with_all = ["triples", "long"])]
     pub duration: Option<f64>,
-    /// The same in triples: one field of each camera.
+    /// Duration of the measurement in triples (one field of each camera) instead of seconds.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST), conflicts_with = "long")]
     pub triples: Option<u64>,
-    /// The long form: 30 minutes in real time, and a million triples at speed.
+    /// Long measurement: 30 minutes in real time, and a million triples with --at-speed.
     #[arg(long)]
     pub long: bool,
-    /// Send so many more as fast as they are tracked, to count drops alone [default: none].
+    /// Send N more triples as fast as they are tracked, only to count lost ones [default: 0].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=MOST))]
     pub at_speed: Option<u64>,
-    /// What else the machine does: all (stress-ng on every processor, or threads that count where it is
-    /// not installed), or none.
+    /// Load during the measurement: all (stress-ng on every processor, or busy threads if it is not installed) or none.
     #[arg(long, value_enum, value_name = "all|none", default_value_t = Beside::All, hide_possible_values = true)]
     pub load: Beside,
-    /// Write the page, or its figures; may be given again for another form.
-    #[arg(long, value_name = "FILE.html|FILE.md|FILE.json", value_parser = report_file)]
+    /// Write the certificate as a page (.html, .md) or as figures (.json); repeat for several files.
+    #[arg(long, value_name = "FILE.html|FILE.md|FILE.json", value_parser = report_file, help_heading = "Outputs")]
     pub report: Vec<PathBuf>,
-    /// Exit with 4 where p99.9 is more than 0.5 ms above the machine's own.
+    /// Exit with code 4 if p99.9 exceeds the machine's own wake-up latency by more than 0.5 ms.
     #[arg(long)]
     pub assert: bool,
-    /// Name of the simulator of the measurement.
+    /// Instance name of the measurement.
     #[arg(long, value_name = "NAME", default_value = "certify")]
     pub instance: String,
     /// Whether files that exist are written over.

@@ -10,7 +10,7 @@ use nalgebra::{Point3, Vector2};
 /// What is printed on the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Pattern {
-    /// Dark and bright squares; the points are the inner corners.
+    /// Dark and light squares; the points are the inner corners.
     Chessboard,
     /// Round dots in rows and columns; the points are their centres.
     Dots,

@@ -27,7 +27,7 @@ use std::process::ExitCode;
 /// What vitreo.toml says to the calibrations.
 pub const SETTINGS: Program = Program { prefix: "calibrate", without: &[], elsewhere: None };
 
-/// Finds lenses, camera poses, markers and trocars, and checks whether they still hold.
+/// Calibrate lenses, camera poses, markers and trocars, and check whether they still hold.
 #[derive(Debug, Clone, clap::Parser)]
 #[command(name = "vitreo-calibration", version)]
 pub struct CalibrateArgs {
@@ -45,22 +45,22 @@ pub struct CalibrateArgs {
 /// The calibrations.
 #[derive(Debug, Clone, clap::Subcommand)]
 pub enum Task {
-    /// Lens of one camera, from pictures of a board or from point lists.
+    /// Calibrate the lens of one camera from pictures of a board or point lists.
     Intrinsics(target::IntrinsicsArgs),
-    /// Lenses and places of cameras that see one board, from pairs of pictures or point lists.
+    /// Calibrate lenses and poses of cameras that see the same board, from pairs of pictures or point lists.
     Stereo(target::StereoArgs),
-    /// Places (and lenses) of cameras that see dots of known places, from a point list or picture
-    /// of each.
+    /// Calibrate poses (and lenses) of cameras that see dots at known positions, from one point list or picture per
+    /// camera.
     Dots(fixed::DotsArgs),
-    /// Places of cameras and markers, from a stream of waved instruments and the rig as it was.
+    /// Refine the poses of cameras and the positions of markers from a stream of waved instruments and the former rig.
     Waved(stream::WavedArgs),
-    /// Trocars and the eye's centre, from shafts and an eye that turn about them.
+    /// Calibrate the trocars and the eye's centre from tilted instruments and a turning eye.
     Pivot(stream::PivotArgs),
-    /// Whether a rig still holds, from a recent stream; exit code 5 if it has drifted.
+    /// Check from a recent stream whether a rig still holds; exit code 5 if it does not.
     Drift(stream::DriftArgs),
-    /// A board to be printed, as SVG or PNG of its true size.
+    /// Draw a board for printing, as SVG or PNG in its true size.
     Board(board::DrawArgs),
-    /// Looks at rig files; `vitreo rig`.
+    /// Check rig files; `vitreo rig`.
     #[command(hide = true)]
     Rig(rig_file::RigFileArgs),
 }
@@ -89,15 +89,16 @@ impl Task {
 
 /// Where results go.
 #[derive(Debug, Clone, clap::Args)]
+#[command(mut_arg("force", |arg| arg.help_heading("Outputs")))]
 pub struct OutputArgs {
-    /// File to write the result to.
-    #[arg(short, long, value_name = "FILE.json")]
+    /// Write the result to a file.
+    #[arg(short, long, value_name = "FILE.json", help_heading = "Outputs")]
     pub output: Option<PathBuf>,
     /// Print the report as JSON.
-    #[arg(long)]
+    #[arg(long, help_heading = "Outputs")]
     pub json: bool,
-    /// Folder to write a picture of each camera's residuals to.
-    #[arg(long, value_name = "FOLDER")]
+    /// Write a picture of each camera's residuals into a folder.
+    #[arg(long, value_name = "FOLDER", help_heading = "Outputs")]
     pub residuals: Option<PathBuf>,
     /// Whether files that exist are written over.
     #[command(flatten)]
@@ -110,11 +111,11 @@ const RESIDUALS: Names = &[["residuals_cam", ".png"]];
 /// How to solve.
 #[derive(Debug, Clone, clap::Args)]
 pub struct SolveArgs {
-    /// How much points that fit badly count.
-    #[arg(long, value_enum, default_value = "huber")]
+    /// Weight of points with large residuals.
+    #[arg(long, value_enum, default_value = "huber", help_heading = "Solver")]
     pub loss: Robustness,
-    /// Terms of the distortion to leave out, for instance k2,k3.
-    #[arg(long, value_delimiter = ',', value_name = "TERMS", value_parser = ["k1", "k2", "p1", "p2", "k3"])]
+    /// Distortion terms fixed at 0, such as k2,k3.
+    #[arg(long, value_delimiter = ',', value_name = "TERMS", value_parser = ["k1", "k2", "p1", "p2", "k3"], help_heading = "Solver")]
     pub without: Vec<String>,
 }
 

@@ -260,11 +260,11 @@ pub fn with_weak_terms_held<T>(
 /// How to weigh residuals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Robustness {
-    /// Least squares: every point counts in full.
+    /// Least squares: every point has full weight.
     Square,
-    /// Points beyond 3 standard deviations pull with constant force (Huber).
+    /// Huber: beyond 3 standard deviations the influence of a point stays constant.
     Huber,
-    /// Points beyond 3 standard deviations lose their weight (Cauchy).
+    /// Cauchy: beyond 3 standard deviations the influence of a point decreases.
     Cauchy,
 }
 

@@ -13,13 +13,13 @@ use std::process::ExitCode;
 pub struct DrawArgs {
     #[command(flatten)]
     pub board: BoardArgs,
-    /// File to draw to: .svg, or .png that says its size. Print it at 100 %, and measure it.
+    /// Write the board to a .svg or .png file of its true size. Print it at 100 % and check its size with a ruler.
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
-    /// White around the board, mm.
+    /// Width of the white margin, mm.
     #[arg(long, value_name = "MM", default_value = "10", value_parser = margin)]
     pub margin: f64,
-    /// Pixels of a PNG to an inch.
+    /// Resolution of a PNG, pixels per inch.
     #[arg(long, value_name = "DPI", default_value = "600", value_parser = super::positive)]
     pub dpi: f64,
     /// Whether files that exist are written over.

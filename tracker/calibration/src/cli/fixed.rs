@@ -20,26 +20,25 @@ pub struct DotsArgs {
     /// Point list of each camera, camera 0 first.
     #[arg(value_name = "POINTS", required_unless_present = "pictures")]
     pub points: Vec<PathBuf>,
-    /// Instead of lists a picture of the target by each camera.
+    /// Pictures of the target instead of point lists, one per camera.
     #[arg(long, value_name = "PICTURE", num_args = 1.., requires = "target", requires = "picked", conflicts_with = "points")]
     pub pictures: Vec<PathBuf>,
-    /// Dots of the target in the pictures: X Y Z a line, mm.
+    /// Positions of the dots of the target: X Y Z per line, mm.
     #[arg(long, value_name = "FILE")]
     pub target: Option<PathBuf>,
-    /// For each picture a point list of four dots or more that a person picked, not all in one
-    /// plane.
+    /// For each picture a point list of at least four dots picked by hand, not all in one plane.
     #[arg(long, value_name = "POINTS", num_args = 1..)]
     pub picked: Vec<PathBuf>,
-    /// Size of the pictures, px; lenses are then found too.
+    /// Size of the pictures, px; calibrates the lenses too.
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
     pub size: Option<[u32; 2]>,
-    /// Rig whose cameras are replaced. Without --size its lenses are kept and only places are
-    /// found; point lists need one of the two.
+    /// Rig whose cameras are replaced. Without --size its lenses are kept and only the poses are calibrated; point lists
+    /// need --size or --rig.
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
-    /// Also calibrate on a random half of the dots that all cameras see and triangulate the other
-    /// half, so many times; the report has the median errors.
-    #[arg(long, value_name = "TIMES")]
+    /// Cross-validate N times: calibrate on a random half of the dots that all cameras see and triangulate the other
+    /// half; the report has the median errors.
+    #[arg(long, value_name = "N")]
     pub splits: Option<u32>,
     #[command(flatten)]
     pub solve: SolveArgs,

@@ -11,7 +11,7 @@ use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Looks at rig files.
+/// Check rig files.
 #[derive(Debug, Clone, clap::Args)]
 pub struct RigFileArgs {
     /// What to do.
@@ -22,8 +22,8 @@ pub struct RigFileArgs {
 /// What there is to do with a rig file.
 #[derive(Debug, Clone, clap::Subcommand)]
 pub enum RigTask {
-    /// What the cameras see of the workspace, how well tips can be known in it, and what is missing; exit
-    /// code 5 if something is.
+    /// Check which part of the workspace the cameras cover, how accurately tips are measured in it and what is missing;
+    /// exit code 5 if something is.
     Check(CheckArgs),
 }
 
@@ -33,10 +33,10 @@ pub struct CheckArgs {
     /// The rig file.
     #[arg(value_name = "RIG.json")]
     pub file: PathBuf,
-    /// File (PNG or SVG) to draw maps of the accuracy of tips to.
+    /// Draw maps of the accuracy of tips to a PNG or SVG file.
     #[arg(long, value_name = "FILE.png")]
     pub picture: Option<PathBuf>,
-    /// Print what is found as JSON.
+    /// Print the findings as JSON.
     #[arg(long)]
     pub json: bool,
     /// Whether files that exist are written over.

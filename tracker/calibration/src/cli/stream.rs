@@ -27,11 +27,11 @@ use std::process::ExitCode;
 /// The rig that saw a stream, and how much of the stream is used.
 #[derive(Debug, Clone, clap::Args)]
 pub struct StreamArgs {
-    /// Rig file; a recording holds its own.
+    /// Rig of the stream; a recording contains its own.
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
-    /// Most instants that are used, spread over the stream.
-    #[arg(long, value_name = "NUMBER", default_value_t = 400)]
+    /// Use at most N instants, spread over the stream.
+    #[arg(long, value_name = "N", default_value_t = 400)]
     pub instants: usize,
 }
 
@@ -48,17 +48,17 @@ pub struct WavedArgs {
     pub stream: PathBuf,
     #[command(flatten)]
     pub from: StreamArgs,
-    /// How sure it is where the world's origin lies before each camera (standard deviation), mm.
-    #[arg(long, value_name = "MM", default_value = "0.02", value_parser = positive)]
+    /// Standard deviation of the world origin's position relative to each camera, mm.
+    #[arg(long, value_name = "MM", default_value = "0.02", value_parser = positive, help_heading = "Prior knowledge of the rig")]
     pub camera_mm: f64,
-    /// How sure it is how the world is turned before each camera, mrad.
-    #[arg(long, value_name = "MRAD", default_value = "0.3", value_parser = positive)]
+    /// Standard deviation of the world's orientation relative to each camera, mrad.
+    #[arg(long, value_name = "MRAD", default_value = "0.3", value_parser = positive, help_heading = "Prior knowledge of the rig")]
     pub camera_mrad: f64,
-    /// How sure the markers' positions are before, mm.
-    #[arg(long, value_name = "MM", default_value = "0.005", value_parser = positive)]
+    /// Standard deviation of the markers' positions, mm.
+    #[arg(long, value_name = "MM", default_value = "0.005", value_parser = positive, help_heading = "Prior knowledge of the rig")]
     pub marker_mm: f64,
-    /// Refine the lenses too; how sure they are before, px.
-    #[arg(long, value_name = "PX", value_parser = positive)]
+    /// Refine the lenses too, with this standard deviation of the image they give, px.
+    #[arg(long, value_name = "PX", value_parser = positive, help_heading = "Prior knowledge of the rig")]
     pub lens_px: Option<f64>,
     #[command(flatten)]
     pub output: OutputArgs,
@@ -72,10 +72,10 @@ pub struct PivotArgs {
     pub stream: Option<PathBuf>,
     #[command(flatten)]
     pub from: StreamArgs,
-    /// Poses of a tracker (poses.csv) instead of a stream; they do not show the eye's centre.
+    /// Poses of a tracker (poses.csv) instead of a stream; they do not determine the eye's centre.
     #[arg(long, value_name = "POSES.csv", conflicts_with = "stream")]
     pub poses: Option<PathBuf>,
-    /// Also move the world's origin to where the eye turns about.
+    /// Also move the world's origin to the point about which the eye turns.
     #[arg(long, conflicts_with = "poses")]
     pub recentre: bool,
     #[command(flatten)]
@@ -90,7 +90,7 @@ pub struct DriftArgs {
     pub stream: PathBuf,
     #[command(flatten)]
     pub from: StreamArgs,
-    /// Systematic shift of a camera's image that is tolerated, px.
+    /// Tolerated systematic shift of a camera's image, px.
     #[arg(long, value_name = "PX", default_value_t = LIMIT_PX, value_parser = positive)]
     pub limit_px: f64,
     #[command(flatten)]

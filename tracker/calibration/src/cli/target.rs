@@ -20,25 +20,25 @@ use std::process::ExitCode;
 /// What the board is.
 #[derive(Debug, Clone, clap::Args)]
 pub struct BoardArgs {
-    /// Points of the board: inner corners (or dots) in a row, and rows.
-    #[arg(long, value_name = "COLUMNSxROWS", value_parser = pair)]
+    /// Points of a board: inner corners (or dots) per row, and rows.
+    #[arg(long, value_name = "COLUMNSxROWS", value_parser = pair, help_heading = "Board")]
     pub board: Option<[u32; 2]>,
-    /// ChArUco board instead: squares in a row and rows, sides of squares and markers in mm (1 and three quarters of a
-    /// square if not given), and the dictionary of OpenCV (DICT_4X4_50 to DICT_6X6_1000; the first of 4×4 that suffices).
-    /// Parts of the board are enough.
+    /// ChArUco board: squares per row and rows, side of a square in mm [default: 1], side of a marker in mm [default:
+    /// 3/4 of a square], and OpenCV dictionary, DICT_4X4_50 to DICT_6X6_1000 [default: the smallest of 4×4 that
+    /// suffices]. Partly visible boards are accepted.
     #[arg(
         long, value_name = "COLUMNSxROWS[,SQUARE[,MARKER[,DICTIONARY]]]", value_parser = CharucoBoard::parse,
-        conflicts_with_all = ["board", "pitch", "pattern"]
+        conflicts_with_all = ["board", "pitch", "pattern"], help_heading = "Board"
     )]
     pub charuco: Option<CharucoBoard>,
-    /// The ChArUco board was drawn by OpenCV before 4.6: with an even number of rows it begins with a white square.
-    #[arg(long, requires = "charuco", conflicts_with_all = ["board", "pitch", "pattern"])]
+    /// The ChArUco board was drawn by OpenCV before 4.6: with an even number of rows it starts with a white square.
+    #[arg(long, requires = "charuco", conflicts_with_all = ["board", "pitch", "pattern"], help_heading = "Board")]
     pub legacy: bool,
-    /// Distance of neighbouring points, mm; without it lengths are in squares.
-    #[arg(long, value_name = "MM", default_value = "1", value_parser = positive)]
+    /// Distance between neighbouring points, mm; with the default, lengths are in squares.
+    #[arg(long, value_name = "MM", default_value = "1", value_parser = positive, help_heading = "Board")]
     pub pitch: f64,
-    /// What is printed on the board.
-    #[arg(long, value_enum, default_value = "chessboard")]
+    /// Pattern printed on the board.
+    #[arg(long, value_enum, default_value = "chessboard", help_heading = "Board")]
     pub pattern: Pattern,
 }
 
@@ -63,7 +63,7 @@ impl BoardArgs {
 /// Arguments of `vitreo calibrate intrinsics`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct IntrinsicsArgs {
-    /// Pictures of the board (PNG, JPEG), held differently in each.
+    /// Pictures of the board (PNG, JPEG), in a different pose in each.
     #[arg(value_name = "PICTURE", required_unless_present = "points", conflicts_with = "points")]
     pub pictures: Vec<PathBuf>,
     #[command(flatten)]
@@ -71,13 +71,13 @@ pub struct IntrinsicsArgs {
     /// Point lists instead of pictures: CSV, JSON or five columns.
     #[arg(long, value_name = "FILE", num_args = 1.., requires = "size")]
     pub points: Vec<PathBuf>,
-    /// Size of the pictures that point lists came from, px.
+    /// Size in px of the pictures from which the point lists were made.
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
     pub size: Option<[u32; 2]>,
-    /// Rig whose camera gets the lens; else the camera alone is written.
+    /// Rig whose camera gets the lens [default: only the camera is written].
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
-    /// Id of the camera.
+    /// Id of the camera in the rig.
     #[arg(long, value_name = "ID", default_value_t = 0)]
     pub camera: u32,
     #[command(flatten)]
@@ -95,19 +95,19 @@ pub struct StereoArgs {
     /// Pictures of the second camera at the same instants, in the same order.
     #[arg(long, value_name = "PICTURE", num_args = 1.., required_unless_present = "points")]
     pub right: Vec<PathBuf>,
-    /// Instead of pictures a point list of each camera, of two or more; views of one name are of
-    /// one instant.
+    /// Point lists instead of pictures, one per camera for two or more cameras; views with the same name were taken at
+    /// the same time.
     #[arg(long, value_name = "FILE", num_args = 2.., requires = "size", conflicts_with_all = ["left", "right"])]
     pub points: Vec<PathBuf>,
-    /// Size of the pictures that point lists came from, px.
+    /// Size in px of the pictures from which the point lists were made.
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
     pub size: Option<[u32; 2]>,
     #[command(flatten)]
     pub board: BoardArgs,
-    /// Keep the lenses that each camera alone gives, or those of the rig, if one is named.
+    /// Do not refine the lenses with the poses: keep those of --rig, or without it those found for each camera alone.
     #[arg(long)]
     pub keep_lenses: bool,
-    /// Rig whose cameras are replaced; its markers and sizes stay. Without it the shipped one.
+    /// Rig whose cameras are replaced; its markers and dimensions stay [default: the shipped rig].
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
     #[command(flatten)]
