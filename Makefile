@@ -19,6 +19,8 @@ PROGRAMS := $(DESTDIR)$(PREFIX)/lib/vitreo
 SHARE := $(DESTDIR)$(PREFIX)/share
 # Of drivers: library, headers, and where they are.
 LIBRARIES := $(DESTDIR)$(PREFIX)/lib
+# The name by which programs load the library (drivers/c/build.rs).
+SONAME := libvitreo.so.0
 INCLUDE := $(DESTDIR)$(PREFIX)/include
 INSTALLED = $(addprefix $(TARGET)/release/,vitreo vitreo-bridge vitreo-calibration vitreo-cameras vitreo-commission \
 	vitreo-controls 	vitreo-desk vitreo-fpga-model vitreo-renderer vitreo-replay vitreo-simcore vitreo-tracker vitreo-virtual-rig)
@@ -251,7 +253,8 @@ put:
 	install -d $(BIN) $(PROGRAMS) $(SHARE)/doc/vitreo $(SHARE)/bash-completion/completions \
 		$(SHARE)/zsh/site-functions $(SHARE)/fish/vendor_completions.d $(LIBRARIES)/pkgconfig $(INCLUDE)
 	install -m 755 $(INSTALLED) $(PROGRAMS)
-	install -m 755 $(TARGET)/release/libvitreo.so $(LIBRARIES)
+	install -m 755 $(TARGET)/release/libvitreo.so $(LIBRARIES)/$(SONAME)
+	ln -sf $(SONAME) $(LIBRARIES)/libvitreo.so
 	install -m 644 drivers/c/vitreo.h drivers/cpp/vitreo.hpp $(INCLUDE)
 	sed 's|@PREFIX@|$(PREFIX)|; s|@VERSION@|$(VERSION)|' drivers/c/vitreo.pc.in > $(LIBRARIES)/pkgconfig/vitreo.pc
 	chmod 644 $(LIBRARIES)/pkgconfig/vitreo.pc
@@ -270,7 +273,7 @@ take-away:
 	rm -f $(BIN)/vitreo $(SHARE)/man/man1/vitreo.1 $(SHARE)/man/man1/vitreo-*.1
 	rm -f $(SHARE)/bash-completion/completions/vitreo $(SHARE)/zsh/site-functions/_vitreo
 	rm -f $(SHARE)/fish/vendor_completions.d/vitreo.fish
-	rm -f $(LIBRARIES)/libvitreo.so $(LIBRARIES)/pkgconfig/vitreo.pc $(INCLUDE)/vitreo.h $(INCLUDE)/vitreo.hpp
+	rm -f $(LIBRARIES)/libvitreo.so $(LIBRARIES)/$(SONAME) $(LIBRARIES)/pkgconfig/vitreo.pc $(INCLUDE)/vitreo.h $(INCLUDE)/vitreo.hpp
 	rm -rf $(PROGRAMS) $(SHARE)/doc/vitreo
 
 test-install: ## Install into a temporary folder, run what is there from elsewhere, and take it away
@@ -296,7 +299,7 @@ release-programs:
 stage: release-programs
 	rm -rf $(PACKAGE)
 	$(MAKE) --no-print-directory put DESTDIR=$(PACKAGE) PREFIX=/usr
-	strip --strip-unneeded $(PACKAGE)/usr/lib/vitreo/* $(PACKAGE)/usr/lib/libvitreo.so
+	strip --strip-unneeded $(PACKAGE)/usr/lib/vitreo/* $(PACKAGE)/usr/lib/$(SONAME)
 	rm $(PACKAGE)/usr/share/doc/vitreo/LICENSE-MIT $(PACKAGE)/usr/share/doc/vitreo/CHANGELOG.md
 	gzip -9n < CHANGELOG.md > $(PACKAGE)/usr/share/doc/vitreo/changelog.gz
 	cargo metadata --locked --format-version 1 --filter-platform $$(rustc -vV | sed -n 's/^host: //p') > target/metadata.json

@@ -7,6 +7,7 @@ use protocol::health::Process;
 use protocol::poses::TrackerFrame;
 use serde_json::Value;
 use std::fs::File;
+use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
@@ -20,6 +21,8 @@ use vitreo_tests::{
 
 /// Lines of the recorded stream that an example plays: two seconds of three cameras.
 const LINES: usize = 300;
+/// The name by which programs load the library; `make install` puts it there.
+const SONAME: &str = "libvitreo.so.0";
 /// How often a driver is killed, where nothing else is said.
 const KILLS: usize = 5;
 /// How long a driver lives at most before it is killed, ms.
@@ -46,12 +49,17 @@ fn expect_success(command: &mut Command) {
 /// Compiles an example as docs/drivers.md says, and returns the program.
 fn compile(compiler: &str, source: &str, folder: &Path) -> PathBuf {
     let (program, libraries) = (folder.join(source.replace('.', "-")), binaries());
-    let run_path = format!("-Wl,-rpath,{}", libraries.display());
+    // Only the library's SONAME is here: a program that asked for any other name would not start.
+    symlink(libraries.join("libvitreo.so"), folder.join(SONAME)).expect("a link");
+    let run_path = format!("-Wl,-rpath,{}", folder.display());
     let mut command = Command::new(compiler);
     command.args(["-O2", "-Wall", "-Wextra", "-Werror", "-pthread"]);
     command.arg("-I").arg(drivers().join("c")).arg("-I").arg(drivers().join("cpp"));
     command.arg(drivers().join("examples").join(source)).arg("-L").arg(libraries);
     expect_success(command.args(["-lvitreo", &run_path, "-o"]).arg(&program));
+    let needed = Command::new("readelf").arg("-d").arg(&program).output().expect("readelf, of binutils");
+    let needed = String::from_utf8_lossy(&needed.stdout).into_owned();
+    assert!(needed.contains(&format!("[{SONAME}]")) && !needed.contains("[libvitreo.so]"), "{needed}");
     program
 }
 

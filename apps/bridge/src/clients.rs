@@ -55,7 +55,9 @@ struct Client {
     begun: usize,
     /// When the system last took something, or had nothing to take.
     taken_ns: Nanos,
+    /// Frames that the system has taken, calls of the system that gave it something, and frames left out.
     sent: u64,
+    writes: u64,
     missed: u64,
 }
 
@@ -164,7 +166,8 @@ impl Clients {
         set_socket_send_buffer_size(&stream, KEPT_BYTES)?;
         epoll::add(&self.interest, &stream, EventData::new_u64(self.next), EventFlags::IN)?;
         let (reader, waiting) = (Reader::default(), VecDeque::new());
-        let client = Client { stream, who, reader, waiting, begun: 0, taken_ns: now, sent: 0, missed: 0 };
+        let client =
+            Client { stream, who, reader, waiting, begun: 0, taken_ns: now, sent: 0, writes: 0, missed: 0 };
         self.clients.insert(self.next, client);
         self.next += 1;
         Ok(())
@@ -183,10 +186,10 @@ impl Clients {
     }
 
     fn close(&mut self, id: u64, why: &str) {
-        let Some(Client { stream, who, sent, missed, .. }) = self.clients.remove(&id) else { return };
+        let Some(Client { stream, who, sent, writes, missed, .. }) = self.clients.remove(&id) else { return };
         let _ = epoll::delete(&self.interest, &stream);
         let missed = if missed > 0 { format!(", {missed} missed") } else { String::new() };
-        message(Level::INFO, &format!("{who} {why}: {sent} frames sent{missed}"));
+        message(Level::INFO, &format!("{who} {why}: {sent} frames sent in {writes} writes{missed}"));
     }
 }
 
@@ -203,6 +206,7 @@ impl Client {
         if self.waiting.is_empty() {
             self.taken_ns = now;
             self.begun = write_some(&mut self.stream, frame)?;
+            self.writes += u64::from(self.begun > 0);
             if self.begun == frame.len() {
                 (self.begun, self.sent) = (0, self.sent + 1);
                 return Ok(());
@@ -221,7 +225,7 @@ impl Client {
         while let Some(frame) = self.waiting.front() {
             let taken = write_some(&mut self.stream, &frame[self.begun..])?;
             if taken > 0 {
-                self.taken_ns = now;
+                (self.taken_ns, self.writes) = (now, self.writes + 1);
             }
             self.begun += taken;
             if self.begun < frame.len() {

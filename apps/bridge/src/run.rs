@@ -29,8 +29,10 @@ use tracing::Level;
 
 /// Longest wait, and how often it is looked whether there is a simulator, ns.
 const WAIT_NS: u64 = 200_000_000;
-/// While frames come it is looked this often for what clients want, ns; each look costs a call of the system.
-const ATTEND_NS: u64 = 50_000_000;
+/// While clients want nothing they are attended to this often, ns: to close those that do not read.
+const ATTEND_NS: u64 = 1_000_000_000;
+/// While frames come, the simulator's files are checked this often, ns: frames of a program that outlived it may come.
+const CHECK_NS: u64 = 2_000_000_000;
 /// The wall clock is looked at again after so long, ns.
 const CLOCK_NS: u64 = 1_000_000_000;
 
@@ -136,23 +138,23 @@ impl Bridge {
         // Until the next look clients come and go.
         let until = now() + WAIT_NS;
         while self.goes_on() && now() < until {
-            self.wait(&[], until.saturating_sub(now()));
-            self.attend(false);
+            let is_wanted = self.wait(&[], until.saturating_sub(now()));
+            self.attend(is_wanted);
         }
     }
 
-    /// Waits for messages, and for what clients want.
-    fn wait(&self, sources: &[&dyn Wakes], timeout_ns: u64) {
+    /// Waits for messages, and for what clients want: true where one wants something.
+    fn wait(&self, sources: &[&dyn Wakes], timeout_ns: u64) -> bool {
         let wants = self.clients.as_ref().map(Clients::wants);
         let files: &[BorrowedFd<'_>] = wants.as_slice();
-        wait_beside(sources, files, timeout_ns);
+        wait_beside(sources, files, timeout_ns)
     }
 
-    /// Does what clients want, where that is what may have ended the wait, or now and then.
-    fn attend(&mut self, came: bool) {
+    /// Does what clients want, where one wants something, or now and then.
+    fn attend(&mut self, is_wanted: bool) {
         let Some(clients) = &mut self.clients else { return };
         let at = now();
-        if !came || at >= self.attended_ns + ATTEND_NS {
+        if is_wanted || at >= self.attended_ns + ATTEND_NS {
             self.attended_ns = at;
             clients.serve(at);
         }
@@ -181,25 +183,25 @@ impl Bridge {
         };
         let news = format!("poses of the simulator '{}'", instance.name());
         self.tell(news);
-        let mut looked_ns = 0;
+        let (mut checked_ns, mut came) = (0, false);
         while self.goes_on() {
             // Asks the file system, which costs more than a frame.
-            if now() > looked_ns + WAIT_NS {
+            if now() > checked_ns + if came { CHECK_NS } else { WAIT_NS } {
                 if !host.is_there() {
                     break;
                 }
-                looked_ns = now();
+                checked_ns = now();
             }
-            match &seen {
+            let is_wanted = match &seen {
                 Some(seen) => self.wait(&[&poses, &seen.events, &seen.health], WAIT_NS),
                 None => self.wait(&[&poses], WAIT_NS),
-            }
-            let mut came = false;
-            while let Some(frame) = poses.next_valid()? {
+            };
+            came = false;
+            while let Some(frame) = poses.next_sample()? {
                 self.hand_on(&frame)?;
                 came = true;
             }
-            self.attend(came);
+            self.attend(is_wanted);
             seen.as_mut().map_or(Ok(()), |seen| self.show(seen))?;
         }
         let counts = poses.counts();

@@ -16,6 +16,8 @@ fn event_service(
     let name = channel.try_into().map_err(transport(channel, "event name"))?;
     node.service_builder(&name)
         .event()
+        // Every notification has the same number. A listener swaps a counter for each that there could be.
+        .event_id_max_value(0)
         .max_notifiers(super::channel::MAX_PUBLISHERS)
         .max_listeners(super::channel::MANY_SUBSCRIBERS)
         .open_or_create()
@@ -49,7 +51,8 @@ trait Listens {
 
 impl Listens for iceoryx2::port::listener::Listener<Service> {
     fn drain(&self) {
-        while self.try_wait(|_| {}).unwrap_or(0) > 0 {}
+        // Takes all that have come; one that comes meanwhile ends the next wait.
+        let _ = self.try_wait(|_| {});
     }
 
     fn descriptor(&self) -> RawFd {
@@ -146,17 +149,17 @@ pub fn wait(sources: &[&dyn Wakes], timeout_ns: u64) {
     wait_beside(sources, &[], timeout_ns);
 }
 
-/// As [`wait`], and until one of `files` can be read or was closed at its other end. What is in them is
-/// left there.
+/// As [`wait`], and until one of `files` can be read or was closed at its other end: true where one is. What is in
+/// them is left there.
 ///
 /// # Panics
 /// With more than [`MAX_SOURCES`] of both together.
-pub fn wait_beside(sources: &[&dyn Wakes], files: &[BorrowedFd<'_>], timeout_ns: u64) {
+pub fn wait_beside(sources: &[&dyn Wakes], files: &[BorrowedFd<'_>], timeout_ns: u64) -> bool {
     let count = sources.len() + files.len();
     assert!(count <= MAX_SOURCES, "at most {MAX_SOURCES} sources");
     if count == 0 {
         crate::clock::sleep_until(crate::clock::now() + timeout_ns);
-        return;
+        return false;
     }
     let timeout = rustix::time::Timespec {
         tv_sec: (timeout_ns / 1_000_000_000) as i64,
@@ -171,9 +174,12 @@ pub fn wait_beside(sources: &[&dyn Wakes], files: &[BorrowedFd<'_>], timeout_ns:
     let mut fds: [rustix::event::PollFd<'_>; MAX_SOURCES] = std::array::from_fn(poll_fd);
     // An interrupted or failed poll is a wake-up like any other.
     let _ = rustix::event::poll(&mut fds[..count], Some(&timeout));
-    for source in sources {
+    // Draining asks the system once more, so only what was notified is drained.
+    let is_ready = fds.map(|fd| !fd.revents().is_empty());
+    for (source, _) in sources.iter().zip(is_ready).filter(|(_, is_ready)| *is_ready) {
         source.listener().drain();
     }
+    is_ready[sources.len()..count].contains(&true)
 }
 
 #[cfg(test)]
@@ -200,5 +206,17 @@ mod tests {
         wait(&[&bell], LONG_NS);
         assert!(now() - begun < LONG_NS);
         ringing.join().unwrap();
+    }
+
+    #[test]
+    fn a_wait_says_whether_a_file_ended_it_and_drains_what_was_rung_beside_it() {
+        let (bell, other) = (Bell::new().unwrap(), Bell::new().unwrap());
+        let file = rustix::event::eventfd(0, rustix::event::EventfdFlags::NONBLOCK).unwrap();
+        other.rope().ring();
+        assert!(!wait_beside(&[&bell, &other], &[file.as_fd()], LONG_NS), "the bell did");
+        rustix::io::write(&file, &1u64.to_ne_bytes()).unwrap();
+        assert!(wait_beside(&[&bell, &other], &[file.as_fd()], LONG_NS));
+        rustix::io::read(&file, &mut [0; 8]).unwrap();
+        assert!(!wait_beside(&[&bell, &other], &[file.as_fd()], 1_000_000), "nobody did");
     }
 }

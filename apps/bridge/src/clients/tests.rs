@@ -1,6 +1,9 @@
 //! Clients that read, that do not, and that speak another language. Time is an argument.
 
 use super::*;
+use crate::transforms::Writer;
+use bytemuck::Zeroable;
+use protocol::poses::TrackerFrame;
 
 /// Frames that together are larger than all buffers between two programs.
 const LARGE: usize = 256 << 10;
@@ -20,6 +23,27 @@ fn listening(clients: usize) -> (Clients, Vec<TcpStream>) {
 fn serve(clients: &mut Clients, now: Nanos) {
     ipc::wait_beside(&[], &[clients.wants()], 1_000 * MS);
     clients.serve(now);
+}
+
+#[test]
+fn a_frame_of_six_transforms_is_one_write_for_each_client() {
+    const FRAMES: u64 = 200;
+    let (mut clients, mut streams) = listening(2);
+    let (mut writer, mut bytes) = (Writer::new(3), Vec::new());
+    for field in 0..FRAMES {
+        bytes.clear();
+        let frame = TrackerFrame { field, ..TrackerFrame::zeroed() };
+        writer.frame(&frame, 0, &mut bytes).unwrap();
+        clients.send(&bytes, field);
+        let mut heard = vec![0; bytes.len()];
+        for stream in &mut streams {
+            stream.read_exact(&mut heard).unwrap();
+            assert!(heard == bytes, "frame {field} came as it was written");
+        }
+    }
+    for client in clients.clients.values() {
+        assert_eq!((client.sent, client.writes, client.missed), (FRAMES, FRAMES, 0));
+    }
 }
 
 #[test]

@@ -1,10 +1,10 @@
 //! The thread that stands for the cameras: it sends the blobs of one triple after the other, at the rig's rate or as
-//! fast as they are tracked.
+//! fast as they are tracked. The fields of a triple are sent together, once the slowest read-out is over; a camera that
+//! is slower than the rig has none in some triples.
 
 use super::stream::Triples;
 use crate::children::raise_this_thread;
 use crate::run::Durations;
-use bytemuck::Zeroable;
 use ipc::clock::{now, sleep_until};
 use ipc::{Instance, Sender};
 use protocol::blobs::BlobField;
@@ -75,7 +75,7 @@ impl Feed {
         }
         let instance = Instance::join(&self.instance)?;
         let mut blobs: Sender<BlobField> = instance.sender()?;
-        let mut fields = vec![BlobField::zeroed(); self.triples.cameras()];
+        let mut fields = Vec::with_capacity(self.triples.cameras());
         let mut fed = Fed::default();
         let begin = now() + LEAD_NS;
         let mut on_their_way = 0;

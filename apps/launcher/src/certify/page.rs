@@ -1,7 +1,7 @@
 //! A certificate as one page, in the form of ASTM E3124: what was measured on, latency, static noise, range of
 //! motion; as HTML that needs nothing else, or as Markdown. Pure.
 
-use super::report::{Figures, Losses, Range, Report};
+use super::report::{Figures, Losses, Range, Report, Setup};
 use plots::Format;
 use plots::histogram::{Bin, Histogram};
 use std::fmt::Write;
@@ -48,7 +48,7 @@ fn setup(report: &Report) -> Section {
         ("machine", format!("{}, {} processors, {} MiB", machine.cpu, machine.cpus, machine.memory_mib)),
         ("system", format!("{}, {}", machine.kernel, machine.architecture)),
         ("began", setup.began.clone()),
-        ("rig", format!("{}: {} cameras, {} Hz", setup.rig, setup.cameras, setup.field_hz)),
+        ("rig", format!("{}: {} cameras, {}", setup.rig, setup.cameras, rates(setup))),
         ("seen", format!("{} markers in every field, {} px of noise", setup.markers, setup.noise_px)),
         ("scheduling", setup.scheduling.clone()),
         ("load", setup.load.clone()),
@@ -65,6 +65,17 @@ fn setup(report: &Report) -> Section {
             rows: rows.into_iter().map(|(name, value)| vec![name.into(), value]).collect(),
         },
     }
+}
+
+/// The rate of all cameras, or of each where they differ.
+fn rates(setup: &Setup) -> String {
+    let [slowest, fastest] = [setup.camera_hz.first(), setup.camera_hz.last()];
+    if slowest == fastest {
+        return format!("{} Hz", setup.field_hz);
+    }
+    let each: Vec<String> = setup.camera_hz.iter().map(|hz| format!("{hz:.4}")).collect();
+    let each = each.iter().map(|hz| hz.trim_end_matches('0').trim_end_matches('.'));
+    format!("{} Hz; a triple has the fields of its period", each.collect::<Vec<_>>().join(", "))
 }
 
 fn latency(report: &Report) -> Section {

@@ -129,6 +129,8 @@ pub struct Setup {
     pub field_hz: f64,
     /// Its cameras.
     pub cameras: usize,
+    /// Their rates, from the slowest to the fastest.
+    pub camera_hz: Vec<f64>,
     /// Markers that every camera sees.
     pub markers: usize,
     /// Noise of their centres.
@@ -151,6 +153,7 @@ impl Setup {
             rig: rig.0,
             field_hz: rig.1,
             cameras: triples.cameras(),
+            camera_hz: triples.rates_hz(),
             markers: triples.markers(),
             noise_px: NOISE_PX,
             camera_ms: triples.read_out_ns() as f64 * 1e-6,

@@ -1,6 +1,10 @@
 //! What the cameras of a rig see while a latency is certified: every marker of both instruments and of the eye, in
 //! every field, first at rest and then in a motion that repeats. Pure; where everything is is known.
+//!
+//! A triple is what the tracker makes one frame of: a field of every camera that has one in the period of the fastest,
+//! which ends at the triple's instant. A camera that is as fast as the rig has one in each, a slower one in some.
 
+use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use protocol::blobs::{BlobField, WHOLE_FRAME};
 use protocol::geometry::shaft_pose;
@@ -17,6 +21,8 @@ use std::f64::consts::{FRAC_PI_4, TAU};
 pub const ROUND_S: f64 = 10.0;
 /// Noise of a blob's centre, px of the frame; the variance that blobs state.
 pub const NOISE_PX: f64 = 0.05;
+/// A field that is exposed up to this much after a triple's instant belongs to it, ns, as in the tracker's assembler.
+const GENLOCK_NS: u64 = 500_000;
 /// Seed of the noise.
 const SEED: u64 = 3124;
 
@@ -52,7 +58,9 @@ pub struct Triples {
 impl Triples {
     /// For a checked rig; the first `rest` triples are at rest.
     pub fn of(rig: &Rig, rest: u64) -> Self {
-        let cameras = rig.cameras().into_iter().zip(rig.sensors()).collect::<Vec<_>>();
+        let mut cameras = rig.cameras().into_iter().zip(rig.sensors()).collect::<Vec<_>>();
+        // The field of the fastest camera completes a frame, so it is sent after those of slower ones.
+        cameras.sort_by_key(|(_, sensor)| std::cmp::Reverse(sensor.period_ns));
         let markers = |i: usize| rig.body(BODY_NAMES[i]).map_or_else(Vec::new, |b| b.markers.clone());
         let trocar = |i: usize| {
             let side = if i == 0 { 1.0 } else { -1.0 };
@@ -71,6 +79,28 @@ impl Triples {
     /// Cameras of the rig.
     pub fn cameras(&self) -> usize {
         self.cameras.len()
+    }
+
+    /// Rates of the cameras, from the slowest to the fastest, Hz.
+    pub fn rates_hz(&self) -> Vec<f64> {
+        self.cameras.iter().map(|(_, sensor)| 1e9 / sensor.period_ns as f64).collect()
+    }
+
+    /// Number of the field that camera `id` has in a triple; `None` where it has none.
+    pub fn field_of(&self, id: u32, number: u64) -> Option<u64> {
+        self.cameras.iter().find(|(camera, _)| camera.id == id).and_then(|(_, s)| self.field_in(s, number))
+    }
+
+    /// Fields of a triple.
+    pub fn fields_in(&self, number: u64) -> usize {
+        self.cameras.iter().filter(|(_, sensor)| self.field_in(sensor, number).is_some()).count()
+    }
+
+    /// The last field up to the end of a triple's period, where that is not of an earlier triple.
+    fn field_in(&self, sensor: &Sensor, number: u64) -> Option<u64> {
+        let end_ns = number * self.period_ns + GENLOCK_NS;
+        let field = end_ns / sensor.period_ns;
+        (field * sensor.period_ns + self.period_ns > end_ns).then_some(field)
     }
 
     /// Markers of all bodies.
@@ -122,27 +152,44 @@ impl Triples {
         })
     }
 
-    /// Fills in what every camera sees of triple `number`, exposed at `exposed_ns`. When the blobs were sent is left
-    /// to be stamped. `fields` has a place for each camera.
-    pub fn draw(&self, number: u64, exposed_ns: Nanos, fields: &mut [BlobField]) {
-        let placed = self.placed(number);
-        for ((camera, sensor), field) in self.cameras.iter().zip(fields) {
-            (field.field, field.camera, field.parity) = (number, camera.id, sensor.parity(number, 0));
-            (field.exposed_ns, field.count, field.blobs_left_out) = (exposed_ns, 0, 0);
-            field.read_out_ns = exposed_ns + sensor.read_out_ns();
-            let mut random = Random::new(SEED, number.wrapping_mul(64).wrapping_add(u64::from(camera.id)));
-            for (body, markers) in self.bodies.iter().enumerate() {
-                for marker in markers {
-                    let seen = |pose: &Isometry3<f64>| camera.project(&visible(camera, pose, marker));
-                    let Some(first) = seen(&placed[body]) else { continue };
-                    // A rolling shutter sees each line at an instant of its own.
-                    let delay_ns = sensor.row_delay_ns(first.y);
-                    let pose = match delay_ns == 0.0 {
-                        true => placed[body],
-                        false => self.placed_after(number, delay_ns)[body],
-                    };
-                    see(camera, &pose, marker, field, &mut random);
-                }
+    /// Draws the fields of triple `number`, whose instant is `exposed_ns`, into `fields`, in the order in which they are
+    /// to be sent. When the blobs were sent is left to be stamped.
+    pub fn draw(&self, number: u64, exposed_ns: Nanos, fields: &mut Vec<BlobField>) {
+        fields.clear();
+        for (camera, sensor) in &self.cameras {
+            let Some(own) = self.field_in(sensor, number) else { continue };
+            // Since the triple's instant; most often 0 or negative.
+            let offset_ns = (own * sensor.period_ns) as i64 - (number * self.period_ns) as i64;
+            let mut field = BlobField::zeroed();
+            (field.field, field.camera, field.parity) = (own, camera.id, sensor.parity(own, 0));
+            field.exposed_ns = exposed_ns.saturating_add_signed(offset_ns);
+            field.read_out_ns = field.exposed_ns + sensor.read_out_ns();
+            self.see_all(number, offset_ns as f64, (camera, sensor), &mut field);
+            fields.push(field);
+        }
+    }
+
+    /// Adds the blobs of all markers to a field that is exposed so much after the instant of triple `number`.
+    fn see_all(
+        &self,
+        number: u64,
+        offset_ns: f64,
+        (camera, sensor): (&Camera, &Sensor),
+        field: &mut BlobField,
+    ) {
+        let placed = self.placed_after(number, offset_ns);
+        let mut random = Random::new(SEED, number.wrapping_mul(64).wrapping_add(u64::from(camera.id)));
+        for (body, markers) in self.bodies.iter().enumerate() {
+            for marker in markers {
+                let seen = |pose: &Isometry3<f64>| camera.project(&visible(camera, pose, marker));
+                let Some(first) = seen(&placed[body]) else { continue };
+                // A rolling shutter sees each line at an instant of its own.
+                let delay_ns = sensor.row_delay_ns(first.y);
+                let pose = match delay_ns == 0.0 {
+                    true => placed[body],
+                    false => self.placed_after(number, offset_ns + delay_ns)[body],
+                };
+                see(camera, &pose, marker, field, &mut random);
             }
         }
     }
@@ -182,11 +229,10 @@ fn see(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bytemuck::Zeroable;
     use protocol::message::Message;
 
     fn fields(triples: &Triples, number: u64) -> Vec<BlobField> {
-        let mut fields = vec![BlobField::zeroed(); triples.cameras()];
+        let mut fields = Vec::new();
         triples.draw(number, 1_000_000_000, &mut fields);
         fields
     }
@@ -218,5 +264,47 @@ mod tests {
         assert_eq!(triples.placed(305), triples.placed(305 + 2_000));
         let [a, b] = [3, 4].map(|number| fields(&triples, number)[0].blobs[0].x_px);
         assert!(a != b && (a - b).abs() < 8.0 * NOISE_PX, "noise of its own: {a} {b}");
+    }
+
+    #[test]
+    fn every_camera_has_fields_at_its_own_rate_and_sees_each_where_things_are_at_its_exposure() {
+        let mut rig = Rig::parse(super::super::RIG, "a rig").unwrap();
+        // One has a field in every fourth triple, one between two instants of triples.
+        (rig.cameras[0].field_hz, rig.cameras[1].field_hz) = (Some(50.0), Some(80.0));
+        let rig = Rig::parse(&rig.to_json(), "three rates").unwrap();
+        let (triples, period_ns) = (Triples::of(&rig, 4), rig.field_period_ns());
+        assert_eq!(triples.rates_hz(), [50.0, 80.0, 200.0]);
+        let (mut sent, mut fields, begin_ns) = ([0; 3], Vec::new(), 1_000_000_000);
+        for number in 0..400 {
+            let instant_ns = begin_ns + number * period_ns;
+            triples.draw(number, instant_ns, &mut fields);
+            assert_eq!(fields.len(), triples.fields_in(number), "triple {number}");
+            assert_eq!(
+                fields.last().map(|field| field.camera),
+                Some(rig.cameras[2].id),
+                "the fastest is last"
+            );
+            for field in &fields {
+                let camera = rig.cameras.iter().position(|c| c.id == field.camera).unwrap();
+                let sensor = rig.sensors()[camera];
+                assert_eq!(field.field, sent[camera], "no field is left out or sent twice");
+                assert_eq!(triples.field_of(field.camera, number), Some(field.field));
+                assert_eq!(field.exposed_ns, begin_ns + field.field * sensor.period_ns);
+                let before_ns = instant_ns - field.exposed_ns;
+                assert!(before_ns < period_ns, "in the triple's period: {before_ns} ns before its end");
+                assert_eq!(field.blobs().len(), triples.markers());
+                sent[camera] += 1;
+            }
+        }
+        assert_eq!(sent, [100, 160, 400]);
+        // In motion, a field between two instants shows neither's place.
+        let between =
+            (100..200).find(|n| triples.field_of(rig.cameras[1].id, *n).is_some_and(|k| k % 2 == 1));
+        let number = between.unwrap();
+        let places = [-2.5e6, 0.0].map(|ns| triples.placed_after(number, ns)[0].translation.vector);
+        assert!((places[0] - places[1]).norm() > 1e-3, "{places:?}");
+        triples.draw(number, begin_ns, &mut fields);
+        let field = fields.iter().find(|field| field.camera == rig.cameras[1].id).unwrap();
+        assert_eq!(begin_ns - field.exposed_ns, 2_500_000);
     }
 }

@@ -161,8 +161,8 @@ impl Tally {
         self.next = field + 1;
         self.seen += 1;
         let whole = frame.closed_by == ClosedBy::Inputs as u32
-            && frame.used().len() == triples.cameras()
-            && frame.used().iter().all(|used| used.field == field);
+            && frame.used().len() == triples.fields_in(field)
+            && frame.used().iter().all(|used| triples.field_of(used.camera, field) == Some(used.field));
         self.incomplete += u64::from(!whole);
         let instants = &frame.instants;
         self.latency.note(read_ns.saturating_sub(instants.blobs_out), field);
@@ -216,7 +216,9 @@ mod tests {
     /// A whole frame, off by so much along x.
     fn frame(triples: &Triples, field: u64, off_mm: f64) -> TrackerFrame {
         let mut frame = TrackerFrame { field, used_count: 3, ..TrackerFrame::zeroed() };
-        frame.used[..3].fill(FieldUsed { field, ..FieldUsed::zeroed() });
+        for (used, camera) in frame.used.iter_mut().zip(0..3) {
+            *used = FieldUsed { field, camera, ..FieldUsed::zeroed() };
+        }
         let instants = &mut frame.instants;
         (instants.exposed, instants.blobs_out, instants.taken, instants.tracked) =
             (1_000_000, 5_000_000, 5_030_000, 5_100_000);
