@@ -32,7 +32,7 @@ pub(super) struct Prologue {
 /// What of the items to come the part before needs, which ends now.
 pub(super) struct Late {
     /// Last log time.
-    until_ns: Nanos,
+    pub until_ns: Nanos,
     /// Exposure of the newest frame in it, and of the frame of its newest step.
     frame_ns: Nanos,
     stepped_ns: Nanos,

@@ -414,3 +414,22 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn what_parts_around_a_missing_one_hold_is_read_once() {
+    let (_folder, base) = scratch();
+    let items = run(400);
+    // Shorter than what parts have in common, so the limit is not kept.
+    let number = written(&base, Limit::Time(504_000_000), &items, &provenance("r"));
+    assert!(number > 3);
+    for lost in 1..=number {
+        let path = part_file(&base, lost);
+        let bytes = fs::read(&path).unwrap();
+        fs::remove_file(&path).unwrap();
+        let left = told(&Recording::open(&base).unwrap());
+        let mut seen = std::collections::BTreeSet::new();
+        assert!(left.iter().flatten().all(|(_, message)| seen.insert(message)), "without part {lost}");
+        assert!(seen.len() > items.len() / 3);
+        fs::write(&path, bytes).unwrap();
+    }
+}

@@ -49,6 +49,8 @@ pub struct PartsWriter {
     writer: Writer,
     /// Parts before it that are not closed: late inputs, or the disk, are waited for.
     before: Vec<Ending>,
+    /// Last log time that the newest of them may hold.
+    late_until_ns: Nanos,
     /// Bytes of the parts that are closed.
     closed: u64,
     recent: Recent,
@@ -100,6 +102,7 @@ impl PartsWriter {
             part,
             writer,
             before: Vec::new(),
+            late_until_ns: 0,
             closed: 0,
             recent: Recent::new(provenance),
             begun_ns: None,
@@ -156,7 +159,9 @@ impl PartsWriter {
         }
         let due_ns = self.due_ns.get_or_insert(newest_ns);
         let waited = newest_ns.saturating_sub(*due_ns) >= PATIENCE_NS;
-        self.recent.prologue().or_else(|| waited.then(|| self.recent.undetermined()))
+        let prologue = self.recent.prologue().or_else(|| waited.then(|| self.recent.undetermined()));
+        // What the part before the present one holds too would be read twice where the present one is missing.
+        prologue.filter(|p| p.items.iter().all(|(at, ..)| *at > self.late_until_ns))
     }
 
     /// Begins the next part. Where it cannot be made, the present one goes on, and the next place is tried.
@@ -183,7 +188,9 @@ impl PartsWriter {
         done = done.and(writer.close_chunk());
         let next = name_of(&part_file(&self.recording, number));
         let writer = std::mem::replace(&mut self.writer, writer);
-        self.before.push(Ending { writer, late: self.recent.late(), next });
+        let late = self.recent.late();
+        self.late_until_ns = late.until_ns;
+        self.before.push(Ending { writer, late, next });
         // Each part begins later than the one before it, however small they are to be.
         self.recent.forget_checkpoints();
         self.begun_bytes = self.writer.bytes();
