@@ -71,10 +71,18 @@ impl Live {
         Live { folder, name, run, observer }
     }
 
-    /// What the process that reads the stream has written so far.
-    fn log(&self) -> String {
+    /// The port on which it waits, by the log of the process that reads the stream: written after the health was sent.
+    fn port(&mut self) -> String {
         let directory = ipc::instance_directory(&self.name).expect("a name");
-        std::fs::read_to_string(directory.join("virtual-rig.log")).expect("a log")
+        loop {
+            let log = std::fs::read_to_string(directory.join("virtual-rig.log")).expect("a log");
+            let address =
+                log.split("waiting for a writer on tcp:").nth(1).and_then(|rest| rest.split_once('\n'));
+            if let Some((address, _)) = address {
+                return address.to_owned();
+            }
+            self.observer.health(Process::VirtualRig, |_| true);
+        }
     }
 
     /// Waits until this many lines were taken in, and the reader is in this state.
@@ -147,9 +155,7 @@ fn a_fifo_is_taken_line_by_line_from_one_writer_after_the_other() {
 #[test]
 fn a_port_takes_one_writer_at_a_time() {
     let mut live = Live::start("tcp:0", tempfile::tempdir().expect("folder"));
-    let log = live.log();
-    let address = log.split("waiting for a writer on tcp:").nth(1).and_then(|rest| rest.lines().next());
-    let address = address.unwrap_or_else(|| panic!("{log}")).to_owned();
+    let address = live.port();
     let mut notices = live.observer.receiver();
     for round in 1..=2 {
         let mut writer = TcpStream::connect(&address).expect("it listens");

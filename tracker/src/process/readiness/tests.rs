@@ -1,3 +1,5 @@
+//! When it wakes, rehearses and gives up, on instants of the test.
+
 use super::*;
 use rig::Rig;
 
@@ -5,7 +7,11 @@ const PERIOD_NS: u64 = 5_000_000;
 const AHEAD_NS: u64 = 700_000;
 
 fn ready() -> Readiness {
-    Readiness::new(&Tracker::new(&Rig::shipped()), PERIOD_NS, AHEAD_NS)
+    Readiness::new(&shipped(), PERIOD_NS, AHEAD_NS)
+}
+
+fn shipped() -> Tracker {
+    Tracker::new(&Rig::load_or_shipped(None).unwrap())
 }
 
 fn note(readiness: &mut Readiness, exposed_ns: Nanos, delay_ns: u64) {
@@ -52,7 +58,7 @@ fn a_frame_that_took_long_is_not_rehearsed_and_without_time_nothing_is() {
     readiness.note(&[], &reference, PERIOD_NS, AHEAD_NS + 1);
     assert!(readiness.prepare(2 * PERIOD_NS));
     assert_eq!(readiness.frame.field, 0);
-    let mut never = Readiness::new(&Tracker::new(&Rig::shipped()), PERIOD_NS, 0);
+    let mut never = Readiness::new(&shipped(), PERIOD_NS, 0);
     never.note(&[], &reference, PERIOD_NS, 1);
     assert_eq!((never.wake_ns(), never.prepare(2 * PERIOD_NS)), (None, false));
 }
