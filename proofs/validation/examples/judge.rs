@@ -52,10 +52,11 @@ fn told(said: &Said) {
     let rig = if said.whole { "own rig" } else { "shipped rig" };
     let verdict = if said.right { "right" } else { "NOT NAMED" };
     eprintln!(
-        "seed {} ({rig}), planted: {}\n    {verdict}: {}\n    drift and pivot: {}; waved: {}; replay: {}",
+        "seed {} ({rig}), planted: {}\n    {verdict}: {}; {:.4} px above the noise\n    drift and pivot: {}; waved: {}; replay: {}",
         said.seed,
         said.truth,
         said.judgement.text(),
+        said.judgement.above_px,
         if said.drift_holds { "the rig holds" } else { "it does not" },
         match &said.waved {
             Ok([before, after]) => format!("held-out instants {before:.3} -> {after:.3} px"),

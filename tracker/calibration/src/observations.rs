@@ -45,15 +45,6 @@ pub struct MovingPose {
     pub pose: Isometry3<f64>,
     /// Velocity (mm/s) and angular velocity (rad/s).
     pub motion: [Vector3<f64>; 2],
-    /// Their change, mm/s² and rad/s²; 0 where it is not known.
-    pub bending: [Vector3<f64>; 2],
-}
-
-impl MovingPose {
-    /// The mean motion from its instant to one `dt_s` later.
-    pub fn motion_to(&self, dt_s: f64) -> [Vector3<f64>; 2] {
-        [0, 1].map(|i| self.motion[i] + self.bending[i] * (0.5 * dt_s))
-    }
 }
 
 /// All observations of one tracker frame.
@@ -117,11 +108,7 @@ fn instant(
         let motion = [body.predictor.velocity_mm_s, body.predictor.angular_velocity_rad_s];
         let measured = body.validity() == Validity::Measured && body.blobs_used > 0;
         let pose = || body.world_from_body.isometry();
-        measured.then(|| MovingPose {
-            pose: pose(),
-            motion: motion.map(Vector3::from),
-            bending: [Vector3::zeros(); 2],
-        })
+        measured.then(|| MovingPose { pose: pose(), motion: motion.map(Vector3::from) })
     };
     let mut out = FrameObservations { exposed_ns, poses: std::array::from_fn(pose), seen: Vec::new() };
     for field in used {

@@ -7,13 +7,19 @@
 //! along those directions the solution stays at the prior mean. The eye's centre is the world's
 //! origin by definition; the markers' distances carry the scale.
 
-use crate::bundle::{Bundle, FIXED_RIG, Freedom, PriorSigmas, SelfCalibrationProblem, Value};
+mod paths;
+mod problem;
+mod spline;
+
+use crate::bundle::{Bundle, FIXED_RIG, Freedom, PriorSigmas, Value};
 use crate::lens::{EXTRINSICS, LENS, by_extrinsics, project};
 use crate::observations::{FrameObservations, MarkerObservation, collect};
 use crate::solve::{Problem, Solution, solve};
 use crate::target_problem::{Residual, rms};
 use crate::{CalibrationError, degenerate};
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, Vector3};
+use paths::{PathProblem, in_stretches};
+use problem::SelfCalibrationProblem;
 use protocol::blobs::{BlobField, DEFAULT_VARIANCE_PX2};
 use protocol::limits::BODIES;
 use rig::Rig;
@@ -115,64 +121,48 @@ pub fn refine_free(
     Ok(summary(&problem, solution, before))
 }
 
-/// Share of the doubt of a pose that is carried by differences of its neighbours.
-const SMOOTH: f64 = 0.04;
-/// Farthest that poses are carried without these, s.
+/// Farthest that poses are carried by the tracker's velocities, which lag, s.
 const TOGETHER_S: f64 = 1e-3;
 
-/// The usable instants of cameras that expose at other times, with motions by differences of poses fitted to them
-/// instead of those that the tracker knew then, which lag. Cameras that expose together need none.
+/// As [`refine_free`] by `most` of the instants. Where cameras expose at different times, bodies follow splines
+/// ([`paths`]).
 ///
 /// # Errors
-/// As [`fitted`].
-pub fn smoothed(
+/// As [`refine`].
+pub(crate) fn refine_moving(
     rig: &Rig,
-    instants: &[FrameObservations],
-) -> Result<Vec<FrameObservations>, CalibrationError> {
+    instants: Vec<FrameObservations>,
+    most: usize,
+    free: &Freedom,
+    rough: f64,
+) -> Result<SelfCalibration, CalibrationError> {
     let apart = instants.iter().flat_map(|i| &i.seen).any(|s| s.dt_s.abs() > TOGETHER_S);
     if !apart {
-        return Ok(instants.to_vec());
+        return refine_free(rig, &spread(instants, most), free, rough, &mut |_, _| {});
     }
-    let (mut instants, mut bundle) = fitted(rig, instants)?;
-    let doubtful = instants.clone();
-    for round in 0..2 {
-        for (at, instant) in instants.iter_mut().enumerate() {
-            for body in 0..BODIES {
-                let Some(moving) = instant.poses[body].as_mut() else { continue };
-                let Some([motion, bending]) = differences(&doubtful, &bundle, at, body) else { continue };
-                (moving.motion, moving.bending) = (motion, bending);
-                let own = instant.seen.iter_mut().filter(|s| s.body == body && round == 0);
-                own.for_each(|s| s.covariance -= s.carried * (1.0 - SMOOTH));
-            }
-        }
-        if round == 0 {
-            bundle = fitted(rig, &instants)?.1;
-        }
+    let (instants, stretches) = in_stretches(&usable(rig, &instants), most);
+    if instants.len() < FEWEST_INSTANTS {
+        return Err(too_few(instants.len()));
     }
-    Ok(instants)
+    let rig_problem = SelfCalibrationProblem::new(&instants, Bundle::new(rig, &instants), free, false);
+    let (mut problem, start) = PathProblem::new(rig_problem, stretches);
+    problem.rig.noise = rough;
+    let mut solution = solve(&problem, start, &mut |_, _| {})?;
+    for _ in 0..2 {
+        problem.rig.noise *= (solution.cost / solution.freedom.max(1) as f64).sqrt();
+        problem.rig.noise = problem.rig.noise.clamp(0.5, 10.0);
+        solution = solve(&problem, solution.state, &mut |_, _| {})?;
+    }
+    let residuals = problem.residuals(&solution.state);
+    let Solution { state, covariance, cost, freedom, iterations } = solution;
+    let solution = Solution { state: state.rig, covariance, cost, freedom, iterations };
+    Ok(summary_of(&problem.rig, solution, Vec::new(), residuals))
 }
 
-/// Motion of a body and its change at an instant, by the two instants before it and after it.
-fn differences(
-    instants: &[FrameObservations],
-    bundle: &Bundle,
-    at: usize,
-    body: usize,
-) -> Option<[[Vector3<f64>; 2]; 2]> {
-    let now = bundle.poses[at][body]?;
-    let second = |i: usize| Some(instants.get(i)?.exposed_ns as f64 * 1e-9);
-    let [first, last] = [second(at.checked_sub(2)?)?, second(at + 2)?];
-    let step = (last - first) / 4.0;
-    let beside = |i: usize| {
-        let even = (second(i)? - second(at)? - (i as f64 - at as f64) * step).abs() < 0.1 * step;
-        let there = bundle.poses.get(i)?[body].filter(|_| even)?;
-        let turn = (there.rotation * now.rotation.inverse()).scaled_axis();
-        Some([there.translation.vector - now.translation.vector, turn])
-    };
-    let [f, e, b, c] = [beside(at - 2)?, beside(at - 1)?, beside(at + 1)?, beside(at + 2)?];
-    let motion = [0, 1].map(|i| ((b[i] - e[i]) * 8.0 - (c[i] - f[i])) / (12.0 * step));
-    let bending = [0, 1].map(|i| ((b[i] + e[i]) * 16.0 - (c[i] + f[i])) / (12.0 * step * step));
-    Some([motion, bending])
+fn too_few(instants: usize) -> CalibrationError {
+    degenerate(format!(
+        "bodies were seen well enough by two cameras at {instants} instants; at least {FEWEST_INSTANTS} are needed"
+    ))
 }
 
 /// Default variances of a blob's column and line, px².
@@ -209,24 +199,18 @@ pub fn refine_stream_free(
 ) -> Result<SelfCalibration, CalibrationError> {
     let (mut doubt, mut current) = (free.rough(rig), rig.clone());
     loop {
-        let seen = if doubt > 1.0 {
-            let deweighted: Vec<BlobField> = fields.iter().map(|f| deweighted(f, doubt)).collect();
-            let mut seen = spread(collect(&current, &deweighted), most);
+        let deweight = |f: &BlobField| if doubt > 1.0 { deweighted(f, doubt) } else { *f };
+        let mut seen = collect(&current, &fields.iter().map(deweight).collect::<Vec<_>>());
+        if doubt > 1.0 {
             let blobs = seen.iter_mut().flat_map(|i| &mut i.seen);
             blobs.for_each(|s| s.covariance /= doubt * doubt);
-            seen
-        } else {
-            spread(
-                if free.near_enough > 0.0 {
-                    smoothed(&current, &collect(&current, fields))?
-                } else {
-                    collect(&current, fields)
-                },
-                most,
-            )
-        };
+        }
         // The prior stays; only the poses start from better values.
-        let found = refine_free(rig, &seen, free, free.rough(rig), progress)?;
+        let found = if doubt <= 1.0 && free.near_enough > 0.0 {
+            refine_moving(rig, seen, most, free, free.rough(rig))?
+        } else {
+            refine_free(rig, &spread(seen, most), free, free.rough(rig), progress)?
+        };
         if doubt <= 1.0 {
             return every_camera_saw(rig, &found.residuals).map(|()| found);
         }
@@ -296,11 +280,7 @@ pub fn fitted_with(
 ) -> Result<(Vec<FrameObservations>, Bundle), CalibrationError> {
     let instants = usable(rig, instants);
     if instants.len() < FEWEST_INSTANTS {
-        let problem = format!(
-            "bodies were seen well enough by two cameras at {} instants; at least {FEWEST_INSTANTS} are needed",
-            instants.len()
-        );
-        return Err(degenerate(problem));
+        return Err(too_few(instants.len()));
     }
     let mut problem =
         SelfCalibrationProblem::new(&instants, Bundle::new(rig, &instants), &FIXED_RIG.into(), eye_moves);
@@ -346,6 +326,16 @@ fn summary(
     solution: Solution<Bundle>,
     before: Vec<Residual>,
 ) -> SelfCalibration {
+    let residuals = residuals_of(problem.instants, &solution.state);
+    summary_of(problem, solution, before, residuals)
+}
+
+fn summary_of(
+    problem: &SelfCalibrationProblem<'_>,
+    solution: Solution<Bundle>,
+    before: Vec<Residual>,
+    residuals: Vec<Residual>,
+) -> SelfCalibration {
     let cameras = problem.before.cameras.len();
     let mut sigmas = vec![[0.0; LENS + EXTRINSICS]; cameras];
     let mut weakly_observed = Vec::new();
@@ -364,7 +354,7 @@ fn summary(
         }
     }
     SelfCalibration {
-        residuals: residuals_of(problem.instants, &solution.state),
+        residuals,
         before,
         sigmas,
         weakly_observed,

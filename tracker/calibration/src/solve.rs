@@ -232,8 +232,35 @@ impl<S> Solution<S> {
     }
 }
 
-/// Schur complement, right-hand side, inverses of the blocks.
-type Reduced = (DMatrix<f64>, DVector<f64>, Vec<DMatrix<f64>>);
+/// A block whose own unknowns H = L·Lᵀ are eliminated.
+struct Eliminated {
+    /// L; empty where the block has no own unknowns.
+    factor: DMatrix<f64>,
+    /// L⁻¹·(own by shared).
+    mixed: DMatrix<f64>,
+    /// L⁻¹·(own gradient).
+    gradient: DVector<f64>,
+}
+
+impl Eliminated {
+    fn of(block: &NormalEquations, damping: f64) -> Option<Self> {
+        let factor = damped(&block.oo, damping).cholesky()?.unpack();
+        let (mut mixed, mut gradient) = (block.so.transpose(), block.o.clone());
+        factor.solve_lower_triangular_unchecked_mut(&mut mixed);
+        factor.solve_lower_triangular_unchecked_mut(&mut gradient);
+        Some(Eliminated { factor, mixed, gradient })
+    }
+
+    /// The own step that goes with one of the shared unknowns.
+    fn step(&self, shared: &DVector<f64>) -> DVector<f64> {
+        let mut own = -(&self.gradient + &self.mixed * shared);
+        self.factor.tr_solve_lower_triangular_unchecked_mut(&mut own);
+        own
+    }
+}
+
+/// Schur complement, right-hand side, the blocks.
+type Reduced = (DMatrix<f64>, DVector<f64>, Vec<Eliminated>);
 
 /// A step, and by how much it should lessen the cost.
 struct Step {
@@ -272,11 +299,9 @@ impl Assembled {
 
     /// The step under damping: shared unknowns by the Schur complement, then each block's own.
     fn step(&self, damping: f64) -> Option<Step> {
-        let (schur, right, inverses) = self.reduced(damping)?;
+        let (schur, right, eliminated) = self.reduced(damping)?;
         let shared = if schur.nrows() == 0 { right } else { schur.cholesky()?.solve(&right) };
-        let blocks = self.blocks.iter().zip(&inverses);
-        let own: Vec<DVector<f64>> =
-            blocks.map(|(block, inverse)| inverse * (-&block.o - block.so.tr_mul(&shared))).collect();
+        let own: Vec<DVector<f64>> = eliminated.iter().map(|block| block.step(&shared)).collect();
         // With (H + λD)·δ = −g the model gains −gᵀδ + λ·δᵀDδ.
         let gain = |equations: &DMatrix<f64>, gradient: &DVector<f64>, step: &DVector<f64>| {
             let along = step.iter().enumerate().map(|(i, s)| equations[(i, i)] * s * s).sum::<f64>();
@@ -298,19 +323,14 @@ impl Assembled {
     fn reduced(&self, damping: f64) -> Option<Reduced> {
         let mut schur = damped(&self.common.ss, damping);
         let mut right = -&self.common.s;
-        let mut inverses = Vec::with_capacity(self.blocks.len());
+        let mut eliminated = Vec::with_capacity(self.blocks.len());
         for block in &self.blocks {
-            if block.oo.nrows() == 0 {
-                inverses.push(DMatrix::zeros(0, 0));
-                continue;
-            }
-            let inverse = damped(&block.oo, damping).cholesky()?.inverse();
-            let gain = &block.so * &inverse;
-            schur -= &gain * block.so.transpose();
-            right += gain * &block.o;
-            inverses.push(inverse);
+            let block = Eliminated::of(block, damping)?;
+            schur -= block.mixed.transpose() * &block.mixed;
+            right += block.mixed.transpose() * &block.gradient;
+            eliminated.push(block);
         }
-        Some((schur, right, inverses))
+        Some((schur, right, eliminated))
     }
 }
 

@@ -13,9 +13,7 @@ use super::measure::measure;
 use crate::CalibrationError;
 use crate::bundle::{Freedom, PriorSigmas, Value};
 use crate::observations::collect;
-use crate::self_calibration::{
-    SelfCalibration, Shared, every_camera_saw, refine_free, refine_stream_free, smoothed, spread,
-};
+use crate::self_calibration::{SelfCalibration, Shared, every_camera_saw, refine_moving, refine_stream_free};
 use crate::target_problem::robust_sigma;
 use nalgebra::{DMatrix, DVector};
 use protocol::blobs::{BlobField, WHOLE_FRAME};
@@ -40,10 +38,10 @@ const BLOB_PX: f64 = 0.07;
 /// what their covariances say.
 const LEFT_PX: f64 = 0.25;
 const NOISE: f64 = 1.8;
-/// Exposures of two cameras that are farther apart in the median are free-running, s; poses carried between them leave
-/// more, px.
+/// Exposures of two cameras that are farther apart in the median are free-running, s; splines between them leave a
+/// little more, px.
 const TOGETHER_S: f64 = 3e-3;
-const CARRIED_PX: f64 = 0.03;
+const CARRIED_PX: f64 = 0.02;
 /// A rig that holds leaves less: χ², or root mean square, px.
 const NOISE_CHI2: f64 = 200.0;
 const NOISE_PX: f64 = 0.01;
@@ -114,7 +112,7 @@ pub fn estimate(rig: &Rig, fields: &[BlobField]) -> Result<Together, Calibration
     let late_s = found.bundle.late_s.clone();
     let largest = late_s.iter().fold(0.0, |most: f64, late| most.max(late.abs()));
     if largest > NEAR_CLOCK_S {
-        // So far poses are not carried well: once more from there.
+        // So far motions follow wrong stamps: once more from there.
         let set = retimed(rig, fields, &late_s);
         found = adjusted(rig, &set, &free)?;
         let shared = &mut found.shared;
@@ -184,8 +182,7 @@ fn adjusted(rig: &Rig, fields: &[BlobField], free: &Freedom) -> Result<SelfCalib
     if left.explained_share() < FOLLOWS.0 || px > FOLLOWS.1 {
         return refine_stream_free(rig, fields, free, MOST, &mut |_, _| {});
     }
-    let seen = spread(smoothed(rig, &collect(rig, fields))?, MOST);
-    let found = refine_free(rig, &seen, free, (px / BLOB_PX).max(1.0), &mut |_, _| {})?;
+    let found = refine_moving(rig, collect(rig, fields), MOST, free, (px / BLOB_PX).max(1.0))?;
     every_camera_saw(rig, &found.residuals).map(|()| found)
 }
 
