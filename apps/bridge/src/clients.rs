@@ -20,7 +20,7 @@ use tracing::Level;
 
 /// Frames that wait for a slow client; then it misses the oldest. At 200 Hz more than a second.
 const WAITING: usize = 256;
-/// A client that has read nothing for so long is closed, ns.
+/// Time without reading after which a client is closed, ns.
 const PATIENCE_NS: u64 = 5_000_000_000;
 /// Clients at a time.
 const CLIENTS: usize = 16;
@@ -193,7 +193,7 @@ impl Clients {
     }
 }
 
-/// From now on a client is also told of when it can be written to, or no more.
+/// Starts or stops watching whether a client can be written to.
 fn watch(interest: &OwnedFd, stream: &TcpStream, id: u64, writing: bool) {
     let flags = if writing { EventFlags::IN | EventFlags::OUT } else { EventFlags::IN };
     // A client of which nothing is told any more is closed when it has read nothing for long.

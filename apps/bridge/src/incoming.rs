@@ -15,7 +15,7 @@ use protocol::poses::{BODY_NAMES, BodyState, BodyStatus, COVARIANCE_ENTRIES, EYE
 use protocol::predict::predict_body;
 use protocol::time::Nanos;
 
-/// A body that is not measured is predicted for so long, ns, and lost then.
+/// Time for which a body without a measurement is predicted before it counts as lost, ns.
 const PREDICTED_NS: u64 = 100_000_000;
 /// A timestamp that lies farther from its arrival is of another clock, ns.
 const SAME_CLOCK_NS: u64 = 500_000_000;

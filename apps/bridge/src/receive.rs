@@ -30,9 +30,9 @@ const NAME: &str = "igtl";
 const CONNECT: Duration = Duration::from_secs(2);
 /// Longest wait for bytes, and between two tries to connect.
 const WAIT: Duration = Duration::from_millis(200);
-/// So long without any transform is told, ns; sooner than the launcher finds it out.
+/// Time without any transform after which this is reported, ns; less than the launcher's own limit.
 const SILENT_NS: u64 = 400_000_000;
-/// So long without the transform of one body is told, ns.
+/// Time without the transform of one body after which this is reported, ns.
 const MISSING_NS: u64 = 1_000_000_000;
 /// A run is waited for in pieces of this length, ns.
 const LOOK_NS: u64 = 500_000_000;
@@ -41,7 +41,7 @@ const ENDING_NS: u64 = 10_000_000_000;
 const BETWEEN: Duration = Duration::from_millis(20);
 /// Failures in a row to join a run before it is given up.
 const FAILURES: u32 = 20;
-/// Kinds of trouble that are told by name; more are left out.
+/// Most kinds of problems that are reported by name; further ones are left out.
 const TOLD: usize = 20;
 
 /// Hands poses of another tracker on until a signal comes.
@@ -110,7 +110,7 @@ struct Source {
     /// A connection that is being made: names may take long to be found, and hosts to answer.
     awaited: Option<mpsc::Receiver<io::Result<TcpStream>>>,
     reader: Reader,
-    /// What was told already.
+    /// Problems that were reported already.
     told: BTreeSet<String>,
     /// Frames that were sent.
     frames: u64,

@@ -33,7 +33,7 @@ const WAIT_NS: u64 = 200_000_000;
 const ATTEND_NS: u64 = 1_000_000_000;
 /// While frames come, the simulator's files are checked this often, ns: frames of a program that outlived it may come.
 const CHECK_NS: u64 = 2_000_000_000;
-/// The wall clock is looked at again after so long, ns.
+/// Period of readings of the wall clock, ns.
 const CLOCK_NS: u64 = 1_000_000_000;
 
 /// Runs the bridge until a signal comes.

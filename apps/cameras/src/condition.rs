@@ -1,9 +1,9 @@
-//! What is wrong with a camera: told in words the first time, counted afterwards. Pure.
+//! Problems of a camera: reported in words the first time, counted afterwards. Pure.
 
 use protocol::time::Nanos;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Texts that are told of one camera at most; what follows is counted alone.
+/// Most texts that are reported for one camera; further ones are only counted.
 const TOLD: usize = 20;
 
 /// A kind of trouble.
@@ -55,7 +55,7 @@ pub struct Trouble {
     pub text: String,
 }
 
-/// A sentence to be told.
+/// A sentence to be reported.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct News {
     /// It is about something wrong, not about its end.
@@ -70,7 +70,7 @@ pub struct Condition {
     /// Its name in messages.
     name: String,
     present: Option<(Trouble, Nanos)>,
-    /// The present trouble was told.
+    /// The present problem was reported.
     is_told: bool,
     told: BTreeSet<String>,
     /// How often which kind began.
@@ -89,7 +89,7 @@ impl Condition {
         self.present.as_ref().map(|(trouble, _)| trouble)
     }
 
-    /// Takes what is wrong at `now`, if anything is; returns what is to be told.
+    /// Takes the problem at `now`, if there is one; returns what is to be reported.
     pub fn note(&mut self, trouble: Option<Trouble>, now: Nanos) -> Option<News> {
         if self.trouble() == trouble.as_ref() {
             return None;

@@ -69,7 +69,7 @@ pub enum StampClock {
     Unknown,
     /// The camera's own: it began at some time, and runs a little faster or slower.
     Own,
-    /// Of whoever fed the device; it means nothing here.
+    /// That of the program that feeds the device; it means nothing here.
     Copied,
 }
 
@@ -104,7 +104,7 @@ pub trait Device {
     /// How a buffer's samples are laid out.
     fn layout(&self) -> Layout;
 
-    /// What it was set to and what is odd about it, in words; empty where nothing is to be told.
+    /// Its settings and its problems, in words; empty where there is nothing to report.
     fn notes(&self) -> (String, Option<String>);
 
     /// Waits up to `wait_ms` for the next buffer.

@@ -31,7 +31,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Period of the figures, ns.
 const FIGURES_NS: u64 = 1_000_000_000;
-/// Time that the camera hardware has after the last field before the end is told, ns.
+/// Time that the camera hardware has after the last field before the end is announced, ns.
 const DRAIN_NS: u64 = 5_000_000;
 
 /// Runs the cameras until they are stopped.
@@ -179,7 +179,7 @@ impl LiveCameras {
         end_ns.is_some_and(|end| now >= end) || self.feeds.iter().all(Feed::is_over)
     }
 
-    /// Brings the state up to date, and tells what has changed.
+    /// Brings the state up to date, and reports what has changed.
     fn judge(&mut self, now: Nanos) -> Result<()> {
         let mut changed = false;
         for feed in &mut self.feeds {

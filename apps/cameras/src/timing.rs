@@ -53,7 +53,7 @@ impl Clock {
     }
 
     /// The number of a field that came unexpectedly: the newest that was read out by then. A quarter of
-    /// a period is allowed for a start that was told late.
+    /// a period is allowed for a start that was announced late.
     pub fn number_at(&self, arrived: Nanos) -> u64 {
         (arrived.saturating_add(self.period_ns / 4).saturating_sub(self.start_ns)) / self.period_ns
     }

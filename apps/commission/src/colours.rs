@@ -28,9 +28,9 @@ pub const LEAST_APART_DEG: f64 = 24.0;
 const SPREADS: f64 = 6.0;
 /// The ground is at most this bright, luma.
 pub const BRIGHTEST_GROUND: u8 = 90;
-/// A marker's chroma under which it is told pale.
+/// Chroma of a marker below which it is reported as pale.
 const PALE: f64 = 40.0;
-/// Share of blobs with saturated pixels that is told.
+/// Share of blobs with saturated pixels from which it is reported.
 const SATURATED_SHARE: f64 = 0.3;
 /// A class is so much wider than what was seen, for other light; and its widest, degrees.
 const MARGIN: f64 = 1.5;
@@ -173,7 +173,7 @@ fn absent(wanted: &[Colour], pairs: &[Option<usize>], found: &[Heap]) -> Vec<Str
     missing.map(say).collect()
 }
 
-/// Pairs of colours that cannot be told.
+/// Pairs of colours that cannot be distinguished.
 fn too_near(chosen: &[(Colour, &Heap)]) -> Vec<String> {
     let mut said = Vec::new();
     for (i, (a, first)) in chosen.iter().enumerate() {

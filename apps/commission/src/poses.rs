@@ -31,7 +31,7 @@ pub const FEWEST_SHARED: usize = 6;
 pub const LARGEST_RMS_PX: f64 = 1.0;
 /// Cameras are so many times farther apart than the rig says, or nearer, and are refused.
 pub const LARGEST_SCALE: f64 = 1.25;
-/// A camera so far beside where the rig has it is told: mm and rad.
+/// Distance and angle from the rig's camera pose beyond which a camera is reported, mm and rad.
 const BESIDE: (f64, f64) = (5.0, 0.1);
 
 /// Arguments of the step.

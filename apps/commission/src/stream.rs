@@ -11,7 +11,7 @@ use std::path::Path;
 
 /// Shortest stream, s.
 pub const SHORTEST_S: f64 = 2.5;
-/// A stream should last so long, s.
+/// Recommended duration of a stream, s.
 const SHOULD_S: f64 = 20.0;
 /// Fewest instants at which bodies are seen well enough.
 pub const FEWEST_INSTANTS: usize = 40;

@@ -1,9 +1,9 @@
-//! What is wrong with a device: told in words the first time, counted afterwards. Pure.
+//! Problems of a device: reported in words the first time, counted afterwards. Pure.
 
 use protocol::time::Nanos;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Texts that are told of one device at most; what follows is counted alone.
+/// Most texts that are reported for one device; further ones are only counted.
 const TOLD: usize = 20;
 /// Time over which bad lines are counted, ns.
 const WINDOW_NS: u64 = 1_000_000_000;
@@ -60,7 +60,7 @@ impl Trouble {
     }
 }
 
-/// A sentence to be told.
+/// A sentence to be reported.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct News {
     /// It is about something wrong, not about its end.
@@ -74,7 +74,7 @@ pub struct News {
 pub struct Condition {
     name: String,
     present: Option<(Trouble, Nanos)>,
-    /// The present trouble was told.
+    /// The present problem was reported.
     is_told: bool,
     told: BTreeSet<String>,
     /// How often which kind began.
@@ -98,7 +98,7 @@ impl Condition {
         self.trouble().map(|trouble| format!("{} {}", self.name, trouble.text))
     }
 
-    /// Takes what is wrong at `now`, if anything is; returns what is to be told.
+    /// Takes the problem at `now`, if there is one; returns what is to be reported.
     pub fn note(&mut self, trouble: Option<Trouble>, now: Nanos) -> Option<News> {
         if self.trouble() == trouble.as_ref() {
             return None;

@@ -26,7 +26,7 @@ pub struct Config {
     /// The rig, whose section handles says how far jaws open.
     #[command(flatten)]
     pub rig: RigArgs,
-    /// The scene, whose tools are in the hands until the handles tell others.
+    /// The scene, whose tools are in the hands until the handles state others.
     #[command(flatten)]
     pub scene: SceneArgs,
     /// The devices.

@@ -20,7 +20,7 @@ pub struct Sample {
     pub handle: u32,
     /// The encoder.
     pub count: i32,
-    /// The tool in the hand; `None` where the handle cannot tell.
+    /// The tool in the hand; `None` where the handle does not know.
     pub tool: Option<Tool>,
 }
 

@@ -56,7 +56,7 @@ impl Display for Input {
 pub struct Inputs {
     /// Axes and keys that have been heard of.
     values: BTreeMap<Input, i64>,
-    /// Ranges of axes, where the device tells them.
+    /// Ranges of axes, where the device states them.
     ranges: BTreeMap<Input, [i64; 2]>,
     /// The newest report.
     report: Vec<u8>,
@@ -81,7 +81,7 @@ impl Inputs {
         self.values.insert(input, value);
     }
 
-    /// Takes the range that the device tells of an axis.
+    /// Sets the range that the device states for an axis.
     pub fn set_range(&mut self, input: Input, range: [i64; 2]) {
         self.ranges.insert(input, range);
     }

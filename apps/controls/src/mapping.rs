@@ -150,7 +150,7 @@ impl Mapping {
         axes.chain(buttons).chain(self.modes.iter().map(|(input, _)| *input))
     }
 
-    /// The first axis whose range neither the mapping nor the device tells.
+    /// The first axis whose range neither the mapping nor the device states.
     pub fn without_range(&self, inputs: &Inputs) -> Option<Input> {
         let open = |map: &&AxisMap| map.range.is_none() && inputs.range(map.input).is_none();
         self.axes.iter().find(open).map(|map| map.input)

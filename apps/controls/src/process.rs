@@ -83,7 +83,7 @@ impl Controls {
         Ok(())
     }
 
-    /// Brings the state up to date, and tells what has changed.
+    /// Brings the state up to date, and reports what has changed.
     fn judge(&mut self, now: Nanos) -> Result<()> {
         let news = [
             self.pedal.as_mut().and_then(|pedal| pedal.judge(now)),

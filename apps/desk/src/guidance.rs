@@ -40,7 +40,7 @@ const FOLLOW_PER_S: f64 = 12.0;
 const JAW_RAD_S: f64 = 2.5;
 /// Largest step of [`Guidance::advance`], s.
 const MAX_STEP_S: f64 = 0.2;
-/// The answer to a key that does nothing is shown for so long, s.
+/// Time for which the answer to a key without effect is shown, s.
 const ANSWER_S: f64 = 2.5;
 
 fn tool_name(tool: Tool) -> &'static str {

@@ -24,7 +24,7 @@ const MAX_INPUT_BYTES: u64 = 4 << 20;
 const MAX_LINES: usize = 100_000;
 /// Latest instant of a line, s.
 const LATEST_S: f64 = 86_400.0;
-/// Without a line `end` a file ends so long after its last line, s.
+/// Time after the last line at which a file without a line `end` ends, s.
 const AFTER_S: f64 = 1.0;
 /// Inputs that a line can hold.
 const WORDS: &str =

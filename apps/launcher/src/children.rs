@@ -47,7 +47,7 @@ pub struct Surroundings {
     pub environment: Vec<(&'static str, String)>,
     /// Real-time scheduling, where this user may ask for it: it runs as soon as it wakes up.
     pub realtime: bool,
-    /// Its standard input stays open, for [`Child::tell`].
+    /// Its standard input remains open, for [`Child::tell`].
     pub listens: bool,
     /// The program that does the process's work in place of ours.
     pub program: Option<PathBuf>,

@@ -69,7 +69,7 @@ pub fn run(args: &ReplayArgs, recording: &Recording, stop: &StopSignal) -> anyho
     Ok(if stop.is_raised() { ExitCode::from(INTERRUPTED) } else { ExitCode::SUCCESS })
 }
 
-/// What the renderer is told of the window and the picture.
+/// The renderer's options for window and picture.
 fn window_options(args: &ReplayArgs) -> Vec<String> {
     let mut options = vec!["--window".to_owned(), "--arrange".into(), args.drawing.arrange.to_string()];
     options.extend(args.drawing.fundus.arguments());

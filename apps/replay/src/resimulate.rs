@@ -65,7 +65,7 @@ pub fn tell(file: &Path, done: &Resimulated) -> u8 {
     if done.has_gaps() { LOSS } else { 0 }
 }
 
-/// As [`tell`], of a film. It shows what happened: whoever looks at it must know where it does not.
+/// As [`tell`], for a film. A film is taken for what happened, so it must be clear where it is not.
 pub fn tell_of_film(file: &Path, done: &Resimulated) -> u8 {
     if let Some(damage) = &done.damage {
         message(tracing::Level::WARN, damage);

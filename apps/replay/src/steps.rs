@@ -96,7 +96,7 @@ pub(crate) struct Waiting {
     checkpoints: VecDeque<(CheckpointHeader, SavedState)>,
     /// Number of the newest recorded step.
     newest: u64,
-    /// Of the steps that were given up, those that were told.
+    /// Of the steps that were given up, those that were reported.
     told: u64,
     /// The state from which the run is to go on, once the record of its step has come.
     resume: Option<(CheckpointHeader, SavedState)>,

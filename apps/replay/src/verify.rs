@@ -1,6 +1,6 @@
 //! Comparing a replay with what was recorded. Two proofs, each with its own counts: this tracker makes the
 //! recorded poses of the recorded blobs, and this simulation makes the recorded states of the recorded
-//! poses, whoever made those.
+//! poses, whichever tracker computed them.
 
 use protocol::geometry::Validity;
 use protocol::poses::{BODY_NAMES, BodyState, EYE, TrackerFrame};

@@ -188,7 +188,7 @@ impl VirtualRigShell {
         Ok(())
     }
 
-    /// Nothing more comes, which is told `offset_ns` after the start; returns when to go on.
+    /// Announces the end of the data `offset_ns` after the start; returns when to go on.
     fn finish(&mut self, offset_ns: u64) -> Result<u64> {
         if now() < self.timeline.instant(offset_ns) {
             return Ok(offset_ns);

@@ -25,7 +25,7 @@ macro_rules! println {
 }
 
 /// Writes to standard output, with a line's end if asked. After a first failure nothing more is
-/// written, and [`standard_output_failure`] tells it.
+/// written, and [`standard_output_failure`] returns it.
 pub fn write_to_stdout(text: Arguments<'_>, line: bool) {
     if FAILURE.get().is_some() {
         return;
@@ -48,8 +48,8 @@ pub fn standard_output_failure() -> Option<io::ErrorKind> {
     FAILURE.get().copied().filter(|kind| *kind != io::ErrorKind::BrokenPipe)
 }
 
-/// The exit code of a program: that of what it has done, but success where whoever read its output went
-/// away, and failure where standard output did not take everything. `fail` and `warn` say why.
+/// The exit code of a program: that of what it has done, but success where the reader of its output closed
+/// the pipe, and failure where standard output did not take everything. `fail` and `warn` say why.
 pub fn exit_code<E: AsRef<dyn Error + 'static>>(
     done: Result<ExitCode, E>,
     fail: impl FnOnce(&E) -> ExitCode,

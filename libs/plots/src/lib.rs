@@ -15,7 +15,7 @@ use std::path::Path;
 
 /// Name of our font in drawings; the viewer of an SVG takes one of its own.
 pub const FONT: &str = "sans-serif";
-/// Colours that people with any colour vision tell apart (Okabe and Ito 2008).
+/// Colours that people with any colour vision can distinguish (Okabe and Ito 2008).
 pub const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),

@@ -119,7 +119,7 @@ impl Recording {
     /// Where its chunks stand.
     ///
     /// # Errors
-    /// Those of the operating system. What is damaged is left out, and met again by whoever reads there.
+    /// Those of the operating system. Damage is left out here, and is an error when that place is read.
     pub fn chunk_index(&self) -> Result<ChunkIndex, RecordingError> {
         let mut index = self.empty_index();
         for file in self.files.iter() {

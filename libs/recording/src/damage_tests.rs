@@ -1,4 +1,4 @@
-//! Damage of every kind to small recordings: it is told, or changes nothing.
+//! Damage of every kind to small recordings: it is reported, or changes nothing.
 
 use super::records::{Outer, Records};
 use super::{Item, Note, NoteKind, Provenance, Recording, RecordingError, Writer, channel_numbers};

@@ -25,7 +25,7 @@ pub(super) struct DataSection {
     unindexed: Option<BTreeMap<u16, u64>>,
     /// A chunk that was found behind damage.
     found: Option<Vec<Record<'static>>>,
-    /// Further problems to be told.
+    /// Further problems to be reported.
     problems: VecDeque<RecordingError>,
     messages: u64,
     ended: bool,
@@ -61,7 +61,7 @@ impl SectionPlace {
 }
 
 impl DataSection {
-    /// The present place; `None` while something that was read waits to be told, which no place can
+    /// The present place; `None` while something that was read waits to be reported, which no place can
     /// hold.
     pub fn place(&self) -> Option<SectionPlace> {
         let told = self.found.is_none() && self.problems.is_empty();
@@ -197,7 +197,7 @@ impl DataSection {
         self.unindexed = Some(by_channel);
     }
 
-    /// Holds an index to the chunk before it: one without its chunk tells that the chunk was lost.
+    /// Compares an index with the chunk before it: an index without its chunk means that the chunk was lost.
     fn index(&mut self, offset: u64, body: &[u8]) -> Result<(), RecordingError> {
         const ENTRY_BYTES: usize = 16;
         let (channel, count) = match body {

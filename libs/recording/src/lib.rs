@@ -414,7 +414,7 @@ pub enum RecordingError {
     },
 }
 
-/// The system's answer about a file, in words for whoever sits before the screen.
+/// The system's error about a file, in plain words.
 fn in_plain_words(file: &str, problem: &std::io::Error) -> String {
     use std::io::ErrorKind;
     match problem.kind() {

@@ -68,7 +68,7 @@ impl Recording {
     ///
     /// # Errors
     /// Where the file cannot be read, is no recording, ends before its provenance, or its provenance
-    /// does not match its checksum. Parts that are missing are met by whoever reads the items.
+    /// does not match its checksum. Missing parts are errors while the items are read.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         Self::open_in_doubt(path)?.trusted()
     }

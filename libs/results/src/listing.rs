@@ -1,5 +1,5 @@
 //! Which recordings a batch is made of: files, folders, the lines of a manifest, and what lies in
-//! an object store. A recording that is named more than once is in the list once, and told.
+//! an object store. A recording that is named more than once is in the list once, and reported.
 
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;

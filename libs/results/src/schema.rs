@@ -1,5 +1,5 @@
 //! The store's tables, and the steps from every older form of them to the newest. A step is never
-//! changed once it has shipped; whoever needs another column adds a step.
+//! changed once it has shipped; another column needs another step.
 
 /// Marks a SQLite file as one of ours ("vitr").
 pub const APPLICATION_ID: i32 = 0x7669_7472;

@@ -14,7 +14,7 @@ use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Most shards that are told one by one as missing.
+/// Most shards that are reported one by one as missing.
 const TOLD: usize = 100;
 
 /// Which part of what a table is.
@@ -109,7 +109,7 @@ fn digest_of(table: &Table) -> String {
     Sha256::digest(&text).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Kinds of the columns: the rows do not tell them where a column is empty.
+/// Kinds of the columns: the rows do not show them where a column is empty.
 fn kinds_of(table: &Table) -> String {
     table.columns.iter().map(|column| column.cells.kind()).collect::<Vec<_>>().join(",")
 }
@@ -151,7 +151,7 @@ impl std::error::Error for Incomplete {}
 ///
 /// # Errors
 /// Where a shard is missing, not whole, or of another batch than the first that is whole; every one
-/// is told.
+/// is reported.
 pub fn gather(found: Vec<(Shard, Result<ShardTable, ShardError>)>) -> Result<ShardTable, Incomplete> {
     let mut problems = Vec::new();
     let mut whole: BTreeMap<u32, ShardTable> = BTreeMap::new();

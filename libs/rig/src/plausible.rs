@@ -100,7 +100,7 @@ impl Rig {
         (!fits).then_some((key, "at least 1000 ns and at most the period of a field", found))
     }
 
-    /// Without colours, coloured markers cannot be told apart.
+    /// Without colours, coloured markers cannot be distinguished.
     pub(super) fn defect_of_colours(&self) -> Option<Defect> {
         let blind = self.sensors().into_iter().find(|s| !s.format.has_colour())?;
         let coloured = |body: &super::RigBody| {

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 /// Files of a folder of clips.
 pub const CLIPS: outputs::Names = &[["camera-", ".y4m"]];
-/// More fields than this are never filled up at once: what is missing then is told by the clip's length.
+/// Most fields that are filled in at once; a longer gap shows only in the clip's length.
 const MOST_FILLED: u64 = 10_000;
 
 /// The clip of one camera.

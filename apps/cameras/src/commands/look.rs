@@ -33,7 +33,7 @@ use virtual_rig::cameras::{Cameras as Virtual, Path as Way};
 /// Time between two looks, and between two lines, ns.
 const LOOK_NS: u64 = 2_000_000;
 const LINE_NS: u64 = 1_000_000_000;
-/// A camera that is to be in a snapshot has so long to bring a picture, ns.
+/// Longest wait for a camera's picture for a snapshot, ns.
 const SNAPSHOT_NS: u64 = 10_000_000_000;
 /// Files of a snapshot.
 const PICTURES: Names = &[["camera-", ".png"]];

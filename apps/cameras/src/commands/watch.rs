@@ -9,7 +9,7 @@ const SATURATED: u8 = WHITE - 1;
 const TOO_BRIGHT: f64 = 0.02;
 /// Where nothing is brighter than this above black, markers are too dark to be found well.
 const TOO_DARK: u8 = 60;
-/// A rate that differs by more than this share is told.
+/// Relative difference of a rate above which it is reported.
 const SAME_RATE: f64 = 0.02;
 /// A rate is judged over at least this time, s.
 const RATE_S: f64 = 0.5;

@@ -157,7 +157,7 @@ impl Opener {
         Layout::of(packing, width, height, 0)
     }
 
-    /// Asks for the rig's rate; what it says instead is told.
+    /// Asks for the rig's rate; a different answer is reported.
     fn set_rate(&self, camera: &aravis::Camera) -> Option<String> {
         if !camera.is_frame_rate_available().unwrap_or(false) {
             return None;
@@ -238,7 +238,7 @@ impl Device for Camera {
 }
 
 impl Drop for Camera {
-    /// A camera that is still there is told to stop.
+    /// Stops a camera that is still connected.
     fn drop(&mut self) {
         if !self.is_lost.load(Ordering::Relaxed) {
             // It stops by itself where it hears nothing more.

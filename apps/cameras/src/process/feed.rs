@@ -29,9 +29,9 @@ use std::sync::mpsc::{Receiver, Sender, channel, sync_channel};
 const SILENT_PERIODS: u64 = 10;
 /// So long nothing is said of a source that has brought nothing yet, ns.
 const AWAITED_NS: u64 = 500_000_000;
-/// A camera that has shown nothing but black for so long is black, ns.
+/// Time of nothing but black pictures after which a camera counts as black, ns.
 const BLACK_NS: u64 = 1_000_000_000;
-/// A camera whose stamp could not be true is told of for so long, ns.
+/// Time for which a camera with an impossible timestamp is reported, ns.
 const ODD_NS: u64 = 1_000_000_000;
 /// Late fields in a row after which a camera is slow, and fields in time after which it is not.
 const SLOW_AFTER: u32 = 3;

@@ -38,9 +38,9 @@ enum End {
 #[derive(Default)]
 struct Course {
     stamps: Option<Stamps>,
-    /// Damaged frames that were not told yet.
+    /// Damaged frames that were not reported yet.
     damaged: u64,
-    /// A picture was told.
+    /// A picture was reported.
     has_begun: bool,
 }
 

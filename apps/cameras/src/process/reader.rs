@@ -21,7 +21,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Bytes read at a time.
 const BUFFER: usize = 1 << 18;
 
-/// What a reader tells.
+/// Messages of a reader.
 pub(super) enum Told {
     /// The source brings pictures of the camera's kind.
     Opened {

@@ -277,7 +277,7 @@ impl FileAxis {
     }
 }
 
-/// The range of what needs no device to tell it.
+/// The range of an input that does not depend on the device.
 fn own_range(input: Input) -> Option<Range> {
     let range = Inputs::default().range(input)?;
     Some(Range::OneSided(range.map(|end| end as f64)))

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// The file.
 pub(super) struct Figures {
     path: PathBuf,
-    /// A failure was told.
+    /// A failure was reported.
     told: bool,
 }
 

@@ -18,9 +18,9 @@ use std::collections::BTreeMap;
 const SHORTEST_NS: u64 = 2_000_000;
 /// A handle is sent at least so often, ns: 50 times a second.
 const EVERY_NS: u64 = 20_000_000;
-/// A line that brings no sample for so long is silent, ns.
+/// Time without a sample after which a line counts as silent, ns.
 const SILENT_NS: u64 = 200_000_000;
-/// A handle of which the rig says nothing is told of for so long after its last line, ns.
+/// Time after its last line for which a handle that the rig does not have is reported, ns.
 const STRANGE_NS: u64 = 1_000_000_000;
 /// Bytes read at a time.
 const BUFFER: usize = 4096;
@@ -59,7 +59,7 @@ pub(super) struct HandlesFeed {
 }
 
 impl HandlesFeed {
-    /// The line is opened later; until a handle tells its tool, it is that of `tools`.
+    /// The line is opened later; until a handle states its tool, it is that of `tools`.
     ///
     /// # Errors
     /// Where the rig says nothing of handles, or a channel fails.
@@ -178,7 +178,7 @@ impl HandlesFeed {
         Ok(())
     }
 
-    /// Brings its condition up to date; returns what is to be told.
+    /// Brings its condition up to date; returns what is to be reported.
     pub(super) fn judge(&mut self, now: Nanos) -> Option<News> {
         let (garbled, gaps) = (self.bad.is_much(now), self.gaps.is_much(now));
         let trouble = |kind, text: &str| Some(Trouble::new(kind, text));

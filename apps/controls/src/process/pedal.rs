@@ -12,7 +12,7 @@ use settings::commands::controls::{PedalInterface, PedalSpec};
 
 /// The pedal is sent when it changes, and at least so often, ns: ten times a second.
 const EVERY_NS: u64 = 100_000_000;
-/// What a pedal that is gone said last counts for so long, ns; then it is up.
+/// Time for which the last state of a missing pedal counts, ns; then it is up.
 const HOLD_NS: u64 = 500_000_000;
 
 /// A pedal that nobody has pressed yet.
@@ -101,7 +101,7 @@ impl PedalFeed {
         Ok(self.channel.send(&self.said.state(seq, now))?)
     }
 
-    /// Brings its condition up to date; returns what is to be told.
+    /// Brings its condition up to date; returns what is to be reported.
     pub(super) fn judge(&mut self, now: Nanos) -> Option<News> {
         let trouble = match (&self.absent, self.gone_ns) {
             (Some(why), _) if !self.was_there => Some(Trouble::new(Kind::Absent, why.clone())),

@@ -48,7 +48,7 @@ pub struct Feed {
     pub done_ns: Arc<AtomicU64>,
 }
 
-/// What it tells in the end.
+/// Its result.
 #[derive(Debug, Default)]
 pub struct Fed {
     /// How much later than due it sent the first blobs of a triple.

@@ -11,7 +11,7 @@ use std::process::Stdio;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Longest wake-up that cyclictest tells apart, µs.
+/// Longest wake-up that cyclictest resolves, µs.
 const LONGEST_US: u64 = 100_000;
 /// The first wake-up comes so much later than the begin, ns.
 const LEAD_NS: u64 = 20_000_000;

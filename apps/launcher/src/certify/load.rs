@@ -64,7 +64,7 @@ fn stress(processors: usize) -> io::Result<Child> {
     command.process_group(0).spawn()
 }
 
-/// Counts in a thread on each processor, until it is told to end.
+/// Counts in a thread on each processor, until it is stopped.
 fn spin(processors: usize) -> Arc<AtomicBool> {
     let end = Arc::<AtomicBool>::default();
     let counted = Arc::<AtomicU64>::default();

@@ -17,7 +17,7 @@ use rig::sensor::Sensor;
 use rig::{MarkerKind, Rig, RigMarker};
 use std::f64::consts::{FRAC_PI_4, TAU};
 
-/// After so long the motion repeats, s.
+/// Period of the motion, s.
 pub const ROUND_S: f64 = 10.0;
 /// Noise of a blob's centre, px of the frame; the variance that blobs state.
 pub const NOISE_PX: f64 = 0.05;

@@ -14,7 +14,7 @@ use tokio::sync::oneshot;
 
 /// Longest wait without a look whether to end, ns.
 const LOOK_NS: u64 = 20_000_000;
-/// After the last blobs were sent, poses are waited for so long, ns.
+/// Longest wait for poses after the last blobs were sent, ns.
 const LAST_NS: u64 = 1_000_000_000;
 
 /// What the subscriber needs.
@@ -35,7 +35,7 @@ pub struct Subscriber {
     pub done_ns: Arc<AtomicU64>,
 }
 
-/// What it tells in the end.
+/// Its result.
 #[derive(Debug)]
 pub struct Read {
     /// What was counted.

@@ -14,7 +14,7 @@ use serde::Serialize;
 struct Body {
     /// Frames in which it was measured.
     measured: u64,
-    /// The first pose at rest, from which those at rest are told apart.
+    /// The first pose at rest, from which others at rest are distinguished.
     reference: Option<Isometry3<f64>>,
     resting: u64,
     /// Of positions less the reference's, mm, and of turns from it, rad.

@@ -16,7 +16,7 @@ use tokio::time::{Instant, sleep};
 
 /// Period of checks for missing sources.
 const LOOK: Duration = Duration::from_secs(1);
-/// The same reason is logged again after so long.
+/// Time after which the same reason is logged again.
 const REMINDER: Duration = Duration::from_secs(600);
 
 /// What is wanted where nothing is configured.

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use std::fs::read_to_string;
 
-/// What is said where the system does not tell.
+/// Text for figures that the system does not provide.
 pub const NO_LOAD: &str = "the machine's other load is unknown";
 
 /// Time of all processors since the machine's start, in ticks, by what it went to.
@@ -95,7 +95,7 @@ impl LoadAccount {
     }
 
     /// Until now, where the run's own processes took `own_cores` processors on the average. `None`
-    /// where the system does not tell, or no tick has passed.
+    /// where the system does not provide it, or no tick has passed.
     pub fn load(&self, own_cores: f64) -> Option<Load> {
         let now = Ticks::parse(&read_to_string("/proc/stat").unwrap_or_default())?;
         load(&self.0?, &now, own_cores)

@@ -10,7 +10,7 @@ const INPUT_NS: u64 = 3_000_000_000;
 /// Stereo frames a second that are asked for: the paper's display shows 85 pictures a second, one
 /// channel after the other.
 const ASKED_HZ: f64 = 42.5;
-/// Share of the asked rate below which a picture is told to be slow.
+/// Share of the requested rate below which the picture is reported as slow.
 const SLOW_SHARE: f64 = 0.8;
 
 /// What is wrong with a run in the newest period, `since_ns` after its start.

@@ -10,7 +10,7 @@ use protocol::poses::BODY_NAMES;
 use rig::Rig;
 use rig::camera::Camera;
 
-/// Field pairs looked at for each camera; more tell nothing new.
+/// Field pairs that are compared for each camera; more add nothing new.
 const FIELDS: usize = 400;
 /// Field pairs by which the common shift of a camera's blobs is found.
 const VOTING_FIELDS: usize = 60;
@@ -45,7 +45,7 @@ pub struct BlobPair {
     pub a_px: Vector2<f64>,
     /// How far it is moved in the second, px.
     pub moved_px: Vector2<f64>,
-    /// Its marker; none where poses do not tell it.
+    /// Its marker; none where poses do not determine it.
     pub marker: Option<MarkerId>,
     /// The marker in the world, mm; on the blob's ray, as far as the eye, where it is not known.
     pub p_in_world: Point3<f64>,

@@ -15,7 +15,7 @@ use training::score::recording::is_over;
 
 /// Steps a second of the script.
 pub const FIELDS_PER_S: f64 = 50.0;
-/// The end screen of an attempt stands for so long, s.
+/// Time for which the end screen of an attempt is shown, s.
 const END_SCREEN_S: f64 = 3.0;
 
 /// A scene that is being played.

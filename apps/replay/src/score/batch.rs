@@ -161,7 +161,7 @@ fn show(asked: &ScoreArgs, rows: &[Row], scored: &[Option<ScoredRecording>]) -> 
     Ok(())
 }
 
-/// How scores are made, for whoever compares shards.
+/// How scores are computed; shards are compared by it.
 fn made(resimulate: bool) -> String {
     let how = if resimulate { ", resimulated" } else { "" };
     format!("vitreo {}, score version {}{how}", env!("CARGO_PKG_VERSION"), training::score::table::VERSION)

@@ -73,7 +73,7 @@ impl<'s> Place<'s> {
         Ok(Some(shards::read(file)))
     }
 
-    /// Refuses a table that may not be written: before anything is done, where that can be told.
+    /// Refuses a table that may not be written: before anything is done, where that is known.
     ///
     /// # Errors
     /// Where there is one and `outputs` is not forced, or the place refuses.
@@ -179,7 +179,7 @@ pub fn only_path(option: &str, path: Option<&Path>) -> Result<(), WrongUse> {
 ///
 /// # Errors
 /// Where the place cannot be read, or the shards are not the whole of one list; every one that is
-/// missing or damaged is told by name before.
+/// missing or damaged is reported by name before.
 pub fn gather(place: &Place<'_>) -> anyhow::Result<ShardTable> {
     let mut found = Vec::new();
     for shard in place.shards()? {

@@ -26,7 +26,7 @@ pub(super) struct Standing {
 pub(super) struct Keeper {
     time: File,
     standing: PathBuf,
-    /// A failure was told.
+    /// A failure was reported.
     told: bool,
 }
 

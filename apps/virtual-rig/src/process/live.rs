@@ -27,14 +27,14 @@ use tracing::Level;
 const READINGS: usize = 4;
 /// Period of the figures, ns.
 const FIGURES_NS: u64 = 1_000_000_000;
-/// A connected writer that has brought nothing for so long gives way to another, ns.
+/// Time of silence after which a connected writer is replaced by another, ns.
 const DEAF_NS: u64 = 5_000_000_000;
 
 /// Notes on the state.
 const WAITING: &str = "waiting for a writer";
 const SILENT: &str = "no camera-field comes";
 
-/// The stream, and what is told of it.
+/// The stream, and the reports on it.
 pub(super) struct Live {
     inlet: Inlet,
     stream: LiveStream,
@@ -125,7 +125,7 @@ impl Live {
         rig.enter(STATE_DEGRADED, WAITING)
     }
 
-    /// Tells of a silence, of lines that were not told of, and of the figures.
+    /// Reports a silence, lines that were not reported yet, and the figures.
     fn tell(&mut self, rig: &mut VirtualRigShell, at: Nanos) -> Result<()> {
         if rig.timeline.is_paused() {
             self.ears.silence.excuse(at);

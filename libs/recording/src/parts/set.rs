@@ -185,8 +185,8 @@ impl Recording {
     /// Opens these files as the parts of one recording; `path` is the name by which it is called.
     ///
     /// # Errors
-    /// Where none of them is a part that can be read. What is missing or of another recording is met by whoever
-    /// reads the items.
+    /// Where none of them is a part that can be read. A part that is missing or of another recording is an error
+    /// while the items are read.
     pub fn of_parts(path: &Path, files: &[PathBuf]) -> Result<Self, RecordingError> {
         let recording = assemble(path, files.to_vec())?;
         recording.trusted()

@@ -9,7 +9,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// A part that is due waits so long for a place from which it is determined alone, ns.
+/// Longest wait of a part that is due for a place from which it is determined alone, ns.
 const PATIENCE_NS: Nanos = 10_000_000_000;
 
 /// When a part ends: at the next place from which another one is determined alone.

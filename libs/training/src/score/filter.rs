@@ -113,9 +113,9 @@ pub struct Filtered {
 }
 
 impl TipFilter {
-    /// Takes a tip in, and tells what each tick that it completes shows: none of most samples of fast
-    /// cameras, several of slow ones, none of the first after a gap. A tick is the sample nearest to its
-    /// instant where one is within [`JITTER_NS`], and on the way between two samples elsewhere; so the same
+    /// Takes a tip in, and returns a result for each tick that it completes: none for most samples of fast
+    /// cameras, several for slow ones, none for the first after a gap. A tick is the sample nearest to its
+    /// instant where one is within [`JITTER_NS`], and interpolated between two samples elsewhere; so the same
     /// hand has the same ways, speeds and tremor at every rate.
     pub fn pass(&mut self, band: &Band, tip_mm: &Vector3<f64>, at_ns: u64, mut tell: impl FnMut(Filtered)) {
         let gap_ns = at_ns.saturating_sub(self.before_ns);

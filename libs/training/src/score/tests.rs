@@ -1,6 +1,6 @@
 //! Construct checks: a clean attempt made by hand brings all points; one fault changes one
 //! category, by the amount that the table says. The attempt is a reach and a hold with a light pipe
-//! beside it; events are injected where the simulation would tell them.
+//! beside it; events are injected where the simulation would publish them.
 
 use super::table::{Category, Injury, KEPT_WHEN_FAILED, MACULA_MM, METRICS, PENALTIES};
 use super::*;
@@ -45,7 +45,7 @@ fn scorer() -> Scorer {
     Scorer::of(&scene).unwrap()
 }
 
-/// An attempt: where the tips are, and what is told.
+/// An attempt: the positions of the tips, and the events.
 struct Attempt {
     tip: Box<dyn Fn(f64) -> [f64; 3]>,
     pipe: [f64; 3],

@@ -97,7 +97,7 @@ impl Device for Script {
     }
 }
 
-/// What is told of a camera with frames of 32 × 16 px that delivers buffers of so many lines.
+/// Messages about a camera with frames of 32 × 16 px that delivers buffers of `lines` lines.
 fn told(openings: &[Option<&[Act]>], lines: u32) -> Vec<Told> {
     let mut rig = Rig::load_or_shipped(None).expect("the shipped rig");
     (rig.cameras[0].width, rig.cameras[0].height) = (32, 16);

@@ -100,7 +100,7 @@ async fn a_slow_disk_blocks_nobody_and_the_gap_is_noted() {
     assert_eq!(kept.items.len() as u64, figures.items);
 }
 
-/// Waits until the recorder has told of a problem, or has none any more.
+/// Waits until the recorder has reported a problem, or has none any more.
 fn await_problem(recorder: &Recorder, expected: bool) -> String {
     loop {
         let problem = recorder.problem();

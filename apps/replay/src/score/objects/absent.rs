@@ -37,7 +37,7 @@ impl Store {
         refused(address)
     }
 
-    /// Would tell whether there is such an object.
+    /// Would check whether there is such an object.
     ///
     /// # Errors
     /// Always: this build has no object store.

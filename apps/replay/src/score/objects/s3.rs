@@ -242,7 +242,7 @@ fn connect(address: &Address) -> Result<object_store::aws::AmazonS3, ObjectError
     builder.with_client_options(options).build().map_err(settings)
 }
 
-/// What a store's no means. Its answer is told without the time that it took and the like, so that
+/// Maps the store's errors. Its answer is reported without its duration and the like, so that
 /// rows do not differ from run to run.
 fn refused(address: String, words: &str) -> ObjectError {
     let after = |mark: &str| words.split_once(mark).map(|(_, rest)| rest);

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 const READ_BYTES: usize = 64 << 10;
 /// The kernel's own file system of pipes without a name: whose last writer goes, has none ever after.
 const PIPEFS: u64 = 0x5049_5045;
-/// What a writer is told that comes while another is writing.
+/// Answer to a writer that connects while another is writing.
 const BUSY: &[u8] = b"vitreo: another writer is connected, and one is heard at a time\n";
 
 /// What there was.
@@ -34,7 +34,7 @@ pub(super) enum Got<'a> {
     Gone,
     /// The writer has gone, and no other can come.
     Ended,
-    /// Another writer wanted to be heard, and was told that one is already.
+    /// Another writer tried to connect, and was refused because there is one already.
     TurnedAway(String),
 }
 
@@ -43,7 +43,7 @@ pub(super) enum Got<'a> {
 pub(super) struct Inlet {
     name: String,
     door: Door,
-    /// The writer that is there has been told of.
+    /// The connected writer was reported.
     came: bool,
     buffer: Box<[u8]>,
 }
