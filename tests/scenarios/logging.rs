@@ -45,13 +45,15 @@ fn records_about_a_field_carry_its_number() {
     let mut observer = Observer::join(&name);
     let mut blobs = observer.receiver::<BlobField>();
     let field = next(&mut blobs, |field| field.field >= 20);
-    observer.sender::<BlobField>().send(&field).expect("sent");
+    // Kept until it was read: what a sender that is gone has sent may be gone with it.
+    let mut again = observer.sender::<BlobField>();
+    again.send(&field).expect("sent");
     let foreign = FieldHeader { field: 4711, camera: 7, width: 8, height: 2, lines: 2, ..header() };
     let mut fields = observer.fields(foreign.bytes());
     fields.send(foreign.bytes(), |_| foreign).expect("sent");
     observer.health(Process::FpgaModel, |h| h.refused > 0);
     next(&mut blobs, |later| later.field > field.field + 5);
-    drop((blobs, fields, observer));
+    drop((blobs, again, fields, observer));
     vitreo(&["ctl", "quit", "--instance", &name]).expect_code(0);
     let text = running.finish().expect_code(0).stderr;
     let about = |process: &str, field: u64, what: &str| {
