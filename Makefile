@@ -122,7 +122,7 @@ seek: setup ## Record an hour at full speed, then hold opening it, going to any 
 defects: setup ## Plant a hundred defects in recordings, and print which of them vitreo diff names (DEFECTS="--count 30 --each")
 	cargo run --release -p validation --example defects -- $(DEFECTS)
 
-judge: setup ## Plant defects in 200 streams, half of them of rigs of their own, and print what the commands say of them (JUDGE="--seeds 20 --from 1")
+judge: setup ## Plant defects in 100 streams, draw 100 of intact rigs, and print what the commands report of them (JUDGE="--seeds 20 --intact 20 --from 1")
 	cargo run --release -p validation --example judge -- $(JUDGE)
 
 fuzz: setup ## Try hostile inputs on every reader and message, 60 s each (FUZZ="--seconds 10 rig-json", FUZZ="--whole wire")

@@ -6,28 +6,32 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use validation::judged::{Said, said};
 use validation::planted::Defect;
 
-/// Plants a defect in a stream of every seed, every second one on a rig of its own, and prints what the judge, drift,
-/// pivot, waved and replay say of it.
+/// Plants a defect in a stream of every seed and draws further streams of intact rigs, every second one on a rig of its
+/// own, and prints what the judge, drift, pivot, waved and replay report of them.
 #[derive(Parser)]
 struct Args {
-    /// Seeds.
-    #[arg(long, default_value_t = 200)]
+    /// Seeds with a defect (one kind of them is none).
+    #[arg(long, default_value_t = 100)]
     seeds: u64,
+    /// Seeds of intact rigs, behind the others: they show how often a false alarm is given.
+    #[arg(long, default_value_t = 100)]
+    intact: u64,
     /// First seed. Those from 20001 on were not used to set limits.
     #[arg(long, default_value_t = 20_001)]
     from: u64,
 }
 
 fn main() {
-    let Args { seeds, from } = Args::parse();
+    let Args { seeds, intact, from } = Args::parse();
+    let end = from + seeds + intact;
     let (next, all) = (AtomicU64::new(from), Mutex::new(Vec::new()));
     let work = || {
         loop {
             let seed = next.fetch_add(1, Ordering::Relaxed);
-            if seed >= from + seeds {
+            if seed >= end {
                 break;
             }
-            let found = said(seed, seed % 2 == 1);
+            let found = said(seed, seed % 2 == 1, seed >= from + seeds);
             told(&found);
             all.lock().expect("no thread panics").push(found);
         }
@@ -38,12 +42,16 @@ fn main() {
     println!(
         "\n{} streams of seeds {from} to {}, {} on rigs of their own",
         all.len(),
-        from + seeds - 1,
+        end - 1,
         count(&all, |s| s.whole)
     );
     println!("said to hold though it does not: {}", count(&all, Said::holds_wrongly));
     println!("an innocent blamed, and nobody else: {}", count(&all, Said::is_blamed_wrongly));
-    println!("false alarms: {}", count(&all, Said::is_false_alarm));
+    println!(
+        "false alarms: {} of {} intact rigs",
+        count(&all, Said::is_false_alarm),
+        count(&all, |s| s.defect == Defect::None)
+    );
     println!("right: {} of {}", count(&all, |s| s.right), all.len());
 }
 

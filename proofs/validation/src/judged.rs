@@ -55,21 +55,21 @@ impl Said {
     }
 }
 
-/// Draws the stream of a seed; what is planted follows from the seed.
-pub fn draw(seed: u64, whole: bool) -> (Defect, Planted) {
+/// Draws the stream of a seed; what is planted follows from the seed, and is nothing where the rig is to be intact.
+pub fn draw(seed: u64, whole: bool, intact: bool) -> (Defect, Planted) {
     let rig = if whole { whole_rig(seed) } else { Rig::load_or_shipped(None).expect("the shipped rig") };
     let interlaced = rig.sensors().iter().all(|s| s.scan != Scan::Progressive);
     // Whole pictures have no parity, and are not taken for halves.
     let needs_fields = |d: &Defect| matches!(d, Defect::ParitySwapped | Defect::Progressive);
     let kinds: Vec<Defect> = Defect::ALL.into_iter().filter(|d| interlaced || !needs_fields(d)).collect();
-    let defect = kinds[(seed as usize) % kinds.len()];
+    let defect = if intact { Defect::None } else { kinds[(seed as usize) % kinds.len()] };
     let scenario = if (seed / 16).is_multiple_of(4) { Scenario::Async } else { Scenario::Nominal };
     (defect, plant_on(rig, defect, scenario, seed, SECONDS, 0.0))
 }
 
 /// Everything that is said of the stream of a seed.
-pub fn said(seed: u64, whole: bool) -> Said {
-    let (defect, planted) = draw(seed, whole);
+pub fn said(seed: u64, whole: bool, intact: bool) -> Said {
+    let (defect, planted) = draw(seed, whole, intact);
     let Planted { rig, fields, truth, .. } = planted;
     let judgement = judge(&rig, &fields, |_, _| true);
     let named = |cause: &Cause| judgement.explanations.iter().any(|e| is_truth(&e.cause, cause));
