@@ -117,7 +117,15 @@ impl FpgaModelShell {
     /// Counts a field that fits no camera of the rig, and reports the first in the heartbeat.
     fn refuse(&mut self, header: &FieldHeader) -> Result<()> {
         let FieldHeader { field, camera, width, height, parity, format, .. } = header;
-        tracing::debug!(field, camera, width, height, parity, format, "a field of no camera of the rig");
+        tracing::debug!(
+            field,
+            camera,
+            width,
+            height,
+            parity,
+            format,
+            "a field of a camera that the rig lacks"
+        );
         self.foreign += 1;
         if self.foreign == 1 {
             self.shell.report.state = STATE_DEGRADED;

@@ -1,4 +1,4 @@
-//! Fields of cameras whose black nobody told: the background is followed.
+//! Fields of cameras whose black level is not given: the background is followed.
 
 use blob_stream::parse_line;
 use protocol::blobs::{BlobField, Colour};

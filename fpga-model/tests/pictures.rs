@@ -128,7 +128,7 @@ fn foreign_pal_pictures_give_their_markers() {
     // What the lines' jitter leaves of a fit of the whole picture is 0.025 px and 0.008 lines.
     assert!(rms[0] < 0.038 && rms[1] < 0.014, "rms {rms:?}");
     assert!(bias.iter().all(|b| b.abs() < 0.01), "bias {bias:?}");
-    // Eight pairs of one colour touch: each is told apart, near enough to be found, and says so.
+    // Eight pairs of one colour touch: each is separated, near enough to be found, and flagged as merged.
     assert_eq!((score.missed, score.merged), (0, 16), "missed, merged");
     assert_eq!((score.wrong_colour, score.ghosts), (0, 0), "wrong colour, ghosts");
 }

@@ -5,7 +5,7 @@
     python3 packaging/tools/compare_braid.py strand-braid [--turns 5] [--build] [--json]
 
 strand-braid's own bench, braid-sim-bench, tracks simulated insects that are one point each: three cameras and 14 points,
-as many as the markers of both instruments and of the eye. It is told which points are there by nothing but its pixels,
+as many as the markers of both instruments and of the eye. Only its pixels show which points are there,
 as our tracker is; it gives 14 points, ours three poses. --build compiles it, with the two dependencies that come from
 git repositories, mp4 and y4m, taken from crates.io instead (nothing that the bench runs uses them); five minutes on a
 quiet machine. Ours is `cargo bench -p tracker --bench field`, its row "full triple", and what follows once the poses
@@ -83,7 +83,7 @@ def main():
         parser.error("at least one turn, and 100 frames")
     if args.build:
         build(args.peer)
-    ours(args.field_bench)  # Compiled, and once run in vain.
+    ours(args.field_bench)  # Compiled, and run once to warm up.
     turns = []
     for _ in range(args.turns):
         turns.append({"braid_us": theirs(args.peer, args.frames), "vitreo_us": ours(args.field_bench)})

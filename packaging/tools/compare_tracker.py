@@ -3,7 +3,7 @@
 
     python3 packaging/tools/compare_tracker.py [--stream DIR] [--json]
 
-OpenCV is told which blob is which marker (it has no way to know); the tracker finds out by itself. Its ways:
+OpenCV is given which blob is which marker (it cannot find out); the tracker finds out by itself. Its methods:
   triangulate          cv2.undistortImagePoints, cv2.triangulatePoints of the first two cameras, rigid fit (Kabsch)
   triangulate + refine the same as a start, then all cameras' pixels: Levenberg-Marquardt over cv2.projectPoints
 Times of OpenCV include Python's share, a few microseconds a call. Needs numpy, scipy, opencv-python-headless and cargo.

@@ -138,7 +138,7 @@ events! {
     /// The jaws let a rigid body go; distance of its centre from the retina.
     BodyReleased = 91, "body.released", "mm", Info, "body placed";
     /// A rigid body was stopped because its numbers ran away; times in this step.
-    BodyStopped = 92, "body.stopped", "times", Injury, "body stopped, its numbers ran away";
+    BodyStopped = 92, "body.stopped", "times", Injury, "body stopped: its state diverged";
     /// The tissue is too stiff for a whole substep; parts of each.
     TimeStepSplit = 100, "simulation.step_split", "parts", Info, "substeps split for stability";
     /// The attempt at a task began; time allowed.
@@ -148,7 +148,7 @@ events! {
     /// Every goal is reached; time since the start.
     TaskFinished = 112, "task.finished", "s", Info, "task finished";
     /// The time of the task is over; open goals.
-    TaskTimedOut = 113, "task.timed_out", "goals open", Warning, "time is over";
+    TaskTimedOut = 113, "task.timed_out", "goals open", Warning, "time is up";
     /// The tip left the tube around the path; distance outside.
     PathLeft = 114, "task.path_left", "mm", Warning, "tip outside the path";
     /// The tip is in the tube again; time outside.

@@ -46,7 +46,7 @@ pub fn open(path: &Path) -> Result<BufReader<File>> {
     std::thread::Builder::new().name("pipe".into()).spawn(move || done.send(first()))?;
     opened.recv_timeout(WRITER_PATIENCE).unwrap_or_else(|_| {
         let patience = WRITER_PATIENCE.as_secs();
-        Err(Error::other(format!("a pipe to which nobody has written for {patience} s")))
+        Err(Error::other(format!("a pipe into which no program has written for {patience} s")))
     })
 }
 
@@ -124,7 +124,7 @@ pub fn looks_like(bytes: &[u8]) -> &'static str {
     if let Some((_, what)) = SIGNATURES.iter().find(|(begin, _)| bytes.starts_with(begin)) {
         return what;
     }
-    // Enough to tell; a letter that is cut in two at the end is no sign of another kind.
+    // Enough to decide; a letter that is cut in two at the end does not count.
     let head = &bytes[..bytes.len().min(4096)];
     let text = match std::str::from_utf8(head) {
         Ok(text) => text,
@@ -228,7 +228,7 @@ mod tests {
             pipe
         };
         let error = read_text(&pipe("idle"), MAX_SETTINGS_BYTES).unwrap_err();
-        assert_eq!(error.to_string(), "a pipe to which nobody has written for 5 s");
+        assert_eq!(error.to_string(), "a pipe into which no program has written for 5 s");
         let (path, text) = (pipe("written"), "a rig".repeat(90_000));
         let writer = std::thread::spawn({
             let (path, text) = (path.clone(), text.clone());

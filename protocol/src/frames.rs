@@ -57,8 +57,8 @@ impl TierReason {
     /// For people.
     pub fn text(self) -> &'static str {
         match self {
-            TierReason::Unknown => "reason not told",
-            TierReason::Start => "where such a device begins",
+            TierReason::Unknown => "no reason given",
+            TierReason::Start => "initial tier of such a device",
             TierReason::Fixed => "fixed by --tier",
             TierReason::Overload => "frames over the budget",
             TierReason::Slow => "more than one frame in a hundred at the budget",

@@ -34,7 +34,7 @@ pub const HEARTBEAT_NS: u64 = 100_000_000;
 /// A process without a heartbeat for this long is taken for hung, ns.
 pub const HEARTBEAT_LOST_NS: u64 = 3_000_000_000;
 /// Time between two checkpoints of the tracker, and the longest between two of the simulation, ns; which
-/// frames that means is said in [`crate::checkpoints`].
+/// frames that means is defined in [`crate::checkpoints`].
 pub const CHECKPOINT_NS: u64 = 2_000_000_000;
 /// Time spent on steps after which the simulation makes one earlier, ns: a restarted simulation makes the
 /// steps again before it goes on.

@@ -183,7 +183,7 @@ pub fn last_consumed<'a, T: Numbered + 'a>(
     let candidates: Vec<(usize, bool)> =
         of_number.map(|(at, input)| (at, input.sent_ns() <= stepped_ns)).collect();
     let seen = candidates.iter().rev().find(|(_, in_time)| *in_time);
-    // Something was consumed; where the instants tell nothing it is the first of that number.
+    // Something was consumed; where the instants do not decide, it is the first of that number.
     let first = candidates.first().filter(|_| below != before);
     seen.or(first).map(|(at, _)| *at)
 }

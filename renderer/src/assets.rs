@@ -59,7 +59,7 @@ impl Assets {
     }
 
     /// From a photograph and a folder of meshes, where they are given. Warns of a photograph that
-    /// seems to be another than it is said to be.
+    /// seems to be another than the given one.
     ///
     /// # Errors
     /// If a file cannot be read, or is not a square colour photograph or a valid mesh.
@@ -91,7 +91,7 @@ impl Assets {
         kept_map::take(folder, size, side).unwrap_or_else(|| {
             let map = fundus_map::bake(&self.photograph, size, side);
             if let Err(problem) = kept_map::put(folder, size, side, &map) {
-                tracing::debug!("the map of the fundus is not kept: {problem}");
+                tracing::debug!("the map of the fundus cannot be cached: {problem}");
             }
             map
         })

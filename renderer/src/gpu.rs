@@ -23,8 +23,8 @@ pub enum GpuError {
     },
     /// OpenGL draws full shading as a black field (seen with Mesa 22.3's llvmpipe).
     #[error(
-        "tier {tier} has full shading, which is drawn through Vulkan alone and not by {name}; install a \
-         driver with `sudo apt-get install mesa-vulkan-drivers`, or take --tier {FIRST_LEAN} or higher"
+        "tier {tier} has full shading, which needs Vulkan and not {name}; install a \
+         driver with `sudo apt-get install mesa-vulkan-drivers`, or use --tier {FIRST_LEAN} or higher"
     )]
     LeanOnly {
         /// What was asked for.

@@ -117,7 +117,7 @@ impl Photograph {
         self.colour(canonical, border * share)
     }
 
-    /// What makes it doubtful that the photograph is what it is said to be, for a person.
+    /// Why the photograph may not be of the given kind, as a text.
     pub fn doubts(&self) -> Vec<String> {
         let black = self.black_share();
         let dark = (black > MOST_BLACK).then(|| {

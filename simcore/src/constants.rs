@@ -12,7 +12,7 @@ pub const MAX_TIP_RADII: f64 = 2.0;
 pub const RIM_REARM: f32 = 0.8;
 /// A fold (second layer) is reported at most once in this time, ns.
 pub const FOLD_QUIET_NS: u64 = 1_000_000_000;
-/// A warning stands on the picture for so long, ns.
+/// Time that a warning stays on the picture, ns.
 pub const NOTICE_NS: u64 = 2_000_000_000;
 
 /// Substeps of a tick, in which the vitreous moves once: how far a move spreads does not depend on

@@ -216,7 +216,7 @@ impl SimcoreShell {
     }
 
     /// The next pose to step to; after a sleep the newest one. What lies before it is past: the
-    /// hands went on, and the eye was not there. Such poses count as lost, and are told.
+    /// hands went on, and the eye was not there. Such poses count as lost, and are reported.
     fn next_pose(
         &mut self,
         world: &World,
@@ -231,7 +231,7 @@ impl SimcoreShell {
             }
             if self.passed_over > before {
                 let poses = self.passed_over - before;
-                tracing::debug!(field = next.field, poses, "poses before this field are passed over");
+                tracing::debug!(field = next.field, poses, "poses before this field are skipped");
                 let slept_ms = slept_ns as f64 * 1e-6;
                 self.send_own_event(world, next.instants.exposed, EventKind::Slept, slept_ms)?;
             }
@@ -308,7 +308,7 @@ impl SimcoreShell {
         let needed = Self::bytes(&fresh);
         anyhow::ensure!(
             needed <= self.scene_bytes,
-            "the new scene takes {needed} bytes, there is room for the {} of the first one",
+            "the new scene needs {needed} bytes, more than the {} reserved for the first one",
             self.scene_bytes
         );
         choose_collision(&mut fresh, args.backend());

@@ -18,7 +18,7 @@ pub const MAX_TEXT: usize = 1024;
 const MAX_BEADS: usize = 40;
 /// Radius of a bead, as a share of the tube's; the tube itself would hide the tip.
 const BEAD_SHARE: f64 = 0.25;
-/// The instructions stand in the picture for so long, s.
+/// Time that the instructions stay in the picture, s.
 const INSTRUCTIONS_S: f64 = 6.0;
 /// Opacity of a ball that a tip must come into.
 const CLEAR: f32 = 0.45;
@@ -176,7 +176,7 @@ pub fn push_start(scene: &TaskScene, out: &mut String) {
     if let Some(first) = scene.goals.first() {
         Row::Plain(&format!("First: {}", asked(first))).push(out);
     }
-    Row::Plain("The clock starts when you move and stands during help {help}").push(out);
+    Row::Plain("The clock starts when you move and stops during help {help}").push(out);
 }
 
 /// Lines of a task `elapsed_s` after its beginning, with so many of its goals reached: level, time
@@ -228,7 +228,7 @@ pub fn push_result(scene: &TaskScene, score: &Score, out: &mut String) {
     let end = match (score.failed, score.finished) {
         (Some(injury), _) => format!("Failed by {injury}"),
         (None, true) => "Finished".into(),
-        (None, false) => "Time is over".into(),
+        (None, false) => "Time is up".into(),
     };
     Row::Plain(&format!("{end}: {:.0} of 100 points (± {:.1})", score.total, score.sigma)).push(out);
     let lost = score.metrics[Id::Injuries as usize].value.unwrap_or(0.0);

@@ -74,7 +74,7 @@ fn a_mesh_beside_the_scene_is_held_by_its_edge_grabbed_and_recorded_whole() {
     assert!((b - a).cross(&(c - a)).dot(&a) < 0.0, "turned so that its front looks into the eye");
 }
 
-/// What is done to a good mesh, and what must be told.
+/// What is done to a good mesh, and what must be reported.
 type Spoiled<'a> = (&'a dyn Fn(&mut MeshScene), String);
 
 #[test]

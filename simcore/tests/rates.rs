@@ -21,7 +21,7 @@ fn figure(name: &'static str, value: f64, share: f64, amount: f64) -> Figure {
     Figure { name, value, share, amount }
 }
 
-/// Plays a scene's script for so long by cameras of a period; hands that are scored tremble.
+/// Plays a part of a scene's script with cameras of a given period; hands that are scored tremble.
 fn played(scene: &SceneFile, seconds: u64, period_ns: u64) -> (World, Vec<u32>) {
     let mut rehearsal = Rehearsal::shipped(scene).with_period(period_ns);
     if scene.task.is_some() {

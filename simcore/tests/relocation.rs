@@ -97,7 +97,7 @@ fn what_the_jaws_led_has_turned(world: &World, led: &[u32]) {
     let least = moved.iter().map(|&n| turn_of(world, n)).fold(f64::MAX, f64::min);
     assert!(least > 0.1, "{least} rad");
     // Jaws lead all that they hold by the same way, so that what is nearer to the fovea turns
-    // further: it is the middle one that tells.
+    // further: the middle one decides.
     let mut held: Vec<f64> = led.iter().map(|&n| turn_of(world, n as usize)).collect();
     held.sort_by(f64::total_cmp);
     let middle = (held[(held.len() - 1) / 2] + held[held.len() / 2]) / 2.0;

@@ -225,7 +225,13 @@ fn an_input_that_is_a_pipe_to_which_nobody_writes_is_refused() {
     let pipe = folder.path().join("rig.json");
     assert!(Command::new("mkfifo").arg(&pipe).status().expect("mkfifo").success());
     let (pipe, name) = (pipe.display().to_string(), instance_name());
-    refused(&["run", "--no-picture", "--instance", &name, "--rig", &pipe], &["--rig", "nobody has written"]);
-    refused(&["calibrate", "pivot", "--poses", &pipe, "--rig", &pipe], &["rig.json", "nobody has written"]);
-    refused(&["info", &pipe], &["rig.json", "nobody has written"]);
+    refused(
+        &["run", "--no-picture", "--instance", &name, "--rig", &pipe],
+        &["--rig", "no program has written"],
+    );
+    refused(
+        &["calibrate", "pivot", "--poses", &pipe, "--rig", &pipe],
+        &["rig.json", "no program has written"],
+    );
+    refused(&["info", &pipe], &["rig.json", "no program has written"]);
 }

@@ -66,7 +66,7 @@ fn line_with(log: &mut impl BufRead, wanted: &str) -> String {
     line
 }
 
-/// Reads until the end of the simulator is told.
+/// Reads until the end of the simulator is announced.
 fn messages_of(mut stream: TcpStream) -> Vec<Message> {
     let (mut reader, mut bytes, mut all) = (Reader::default(), [0; 4096], Vec::new());
     let is_end = |m: &Message| {
@@ -142,7 +142,7 @@ fn a_client_gets_the_poses_that_are_recorded_though_others_do_not_read() {
     assert!(compared > 3 * 200, "{compared} of {} messages", heard.len());
     drop(deaf);
     let rest = bridge.end();
-    assert!(rest.contains("frames handed on, 0 lost"), "{rest}");
+    assert!(rest.contains("frames forwarded, 0 lost"), "{rest}");
 }
 
 /// Another tracker is played by a run of our own.

@@ -1,4 +1,4 @@
-//! `vitreo.toml` from the files to what the programs do: which file wins, what is told of a wrong one,
+//! `vitreo.toml` from the files to what the programs do: which file wins, what is reported of a wrong one,
 //! and what `vitreo config` says; also how `-v` reaches the processes of a run.
 
 use serde_json::Value;

@@ -138,7 +138,7 @@ fn a_pedal_and_handles_of_devices_are_sent_told_of_and_recorded() {
 
     // A pedal that is unplugged is up after a while; plugged in again it is a pedal again.
     drop(foot);
-    let gone = observer.health(Process::Controls, |h| h.text().contains("the pedal is gone"));
+    let gone = observer.health(Process::Controls, |h| h.text().contains("the pedal is disconnected"));
     assert_eq!(gone.state, STATE_DEGRADED);
     next(&mut feet, |p| p.axes == [0.0; 2] && p.buttons == 0);
     let mut foot = bench.foot();
@@ -160,7 +160,7 @@ fn a_pedal_and_handles_of_devices_are_sent_told_of_and_recorded() {
     interrupt(run.pid());
     let finished = run.finish();
     assert!(matches!(finished.code, Some(0 | 3)), "{finished:?}");
-    for told in ["the pedal is gone", "is noisy"] {
+    for told in ["the pedal is disconnected", "is noisy"] {
         assert!(finished.stderr.contains(told), "{told}: {}", finished.stderr);
     }
     expect_recorded(&bench);

@@ -23,7 +23,7 @@ use vitreo_tests::{
 const LINES: usize = 300;
 /// The name by which programs load the library; `make install` puts it there.
 const SONAME: &str = "libvitreo.so.0";
-/// How often a driver is killed, where nothing else is said.
+/// How often a driver is killed by default.
 const KILLS: usize = 5;
 /// How long a driver lives at most before it is killed, ms.
 const LIFE_MS: u64 = 400;

@@ -1,5 +1,5 @@
 //! `vitreo run --trace-out`: every process has its track, spans nest, and a field is led from its camera to its
-//! picture; what is missing is told, and nothing is left over.
+//! picture; what is missing is reported, and nothing is left over.
 
 use protocol::health::{Process, STATE_RUNNING};
 use protocol::phases::Phase;
@@ -130,7 +130,7 @@ fn every_process_has_its_track_and_a_field_is_led_to_its_picture() {
         names.iter().collect::<Vec<_>>(),
         ["fpga-model", "renderer", "simcore", "tracker", "virtual-rig"]
     );
-    // What is made without pixels; and what only some devices tell.
+    // What is made without pixels; and what only some devices report.
     let without = [Phase::MakeBlobs, Phase::SendBlobs, Phase::GpuShadow, Phase::GpuPicture, Phase::GpuFocus];
     assert_eq!(read.absent(&without), Vec::<&str>::new());
     let report = json(Path::new(&report));
@@ -178,7 +178,7 @@ fn a_process_that_was_killed_is_missing_and_said_to_be() {
     drop((steps, observer));
     vitreo(&["ctl", "quit", "--instance", &name]).expect_code(0);
     let told = running.finish().expect_code(0).stderr;
-    let missing = format!("tracker (process {}) ended without leaving its spans", health.pid);
+    let missing = format!("tracker (process {}) ended without writing its spans", health.pid);
     assert!(told.contains(&missing), "{told}");
     let read = Read::of(&trace);
     read.is_sound();

@@ -104,7 +104,7 @@ impl Live {
     }
 }
 
-/// Waits until the launcher has told that nothing comes.
+/// Waits until the launcher has reported that nothing arrives.
 fn silence(notices: &mut Receiver<Notice>) {
     next(notices, |notice| text_of(&notice.text).contains("the blob stream sends nothing"));
 }

@@ -79,7 +79,7 @@ enum Manner {
     Black,
 }
 
-/// A writer into a pipe, over and over until it is told to stop or nobody reads.
+/// A writer into a pipe, again and again until it is stopped or the pipe has no reader.
 struct Writer {
     stop: Arc<AtomicBool>,
     manner: Arc<Mutex<Manner>>,
@@ -97,7 +97,7 @@ struct Writing {
 }
 
 impl Writing {
-    /// Opens the pipe and writes until it is told to stop; false where nobody reads any more.
+    /// Opens the pipe and writes until it is stopped; false where the pipe has no reader any more.
     fn write(&self) -> bool {
         let mut into = std::fs::File::options().write(true).open(&self.pipe).expect("a pipe");
         let mut put = |bytes: &[u8]| match into.write_all(bytes) {
@@ -210,7 +210,7 @@ fn three_pipes_are_three_cameras_and_one_that_closes_is_taken_up_again() {
     let mut observer = Observer::join(&name);
     let [first, last] = [0, 2].map(|i| Writer::start(&pipes[i], &painted[i], false));
     let source = Process::VirtualRig;
-    observer.health(source, |h| h.state == STATE_STARTING && h.text().contains("camera 1 is waited for"));
+    observer.health(source, |h| h.state == STATE_STARTING && h.text().contains("camera 1 is not ready"));
     let (mut poses, mut blobs) = (observer.receiver::<TrackerFrame>(), observer.receiver::<BlobField>());
     let middle = Writer::start(&pipes[1], &painted[1], true);
     let frame = next(&mut poses, |f| {
@@ -230,7 +230,7 @@ fn three_pipes_are_three_cameras_and_one_that_closes_is_taken_up_again() {
     let finished = run.finish();
     assert!(matches!(finished.code, Some(0 | 3)), "{finished:?}");
     [first, again, last].into_iter().for_each(Writer::close);
-    assert!(finished.stderr.contains("is closed by its writer"), "{}", finished.stderr);
+    assert!(finished.stderr.contains("was closed by its writer"), "{}", finished.stderr);
     let cameras = &json(&bench.path("r.json"))["cameras"];
     assert_eq!(
         (&cameras[1]["openings"], &cameras[1]["troubles"]["closed"]),
@@ -264,9 +264,9 @@ fn a_camera_that_is_silent_slow_black_or_of_another_size_is_told_and_taken_up_ag
         newest = frame.field;
     };
     for (manner, text) in [
-        (Manner::Silent, "brings nothing, though its pipe is open"),
-        (Manner::Slow, "brings its pictures too late"),
-        (Manner::Black, "shows nothing but black"),
+        (Manner::Silent, "delivers nothing although its pipe is open"),
+        (Manner::Slow, "delivers pictures too late"),
+        (Manner::Black, "delivers only black pictures"),
     ] {
         middle.be(manner);
         told(&mut observer, text);
@@ -276,7 +276,7 @@ fn a_camera_that_is_silent_slow_black_or_of_another_size_is_told_and_taken_up_ag
     middle.close();
     let small = FieldPicture::new([640, 480]);
     let other = Writer::start(&pipes[1], &[small.clone(), small], false);
-    told(&mut observer, "progressive pictures of 640×240 px; the rig wants fields of 720×288 px");
+    told(&mut observer, "progressive pictures of 640×240 px; the rig expects fields of 720×288 px");
     other.close();
     let again = Writer::start(&pipes[1], &painted[1], false);
     sound(&mut observer);
@@ -327,10 +327,11 @@ fn a_pipe_without_a_writer_hangs_nothing() {
     bench.pipes();
     let run = Running::start(&words(&bench.run(&name, &["a", "b", "c"], &[])));
     let mut observer = Observer::join(&name);
-    observer.health(Process::VirtualRig, |h| h.text().contains("nobody has opened its pipe"));
+    observer
+        .health(Process::VirtualRig, |h| h.text().contains("no program has written a picture into its pipe"));
     interrupt(run.pid());
     let finished = run.finish().expect_code(0);
-    assert!(finished.stderr.contains("is waited for"), "{}", finished.stderr);
+    assert!(finished.stderr.contains("is not ready"), "{}", finished.stderr);
 }
 
 #[test]
@@ -363,7 +364,7 @@ fn sources_that_cannot_be_cameras_are_refused_in_words() {
         (&["a", "a"][..], 2, "expected 3 sources"),
         (&["a"; 9], 2, "found 9"),
         (&["a", "d", "a"], 1, "/d: No such file"),
-        (&["a", "b", "a"], 1, "progressive pictures of 640×240 px; the rig wants fields of 720×288 px"),
+        (&["a", "b", "a"], 1, "progressive pictures of 640×240 px; the rig expects fields of 720×288 px"),
         (&["a", "a", "c"], 1, "expected a colour space of 8 bits a sample"),
         (&["a", "a", "a?gain=4"], 2, "expected no gain: a pipe or a file has no such setting"),
     ] {

@@ -102,7 +102,7 @@ impl Viewer {
         channels
     }
 
-    /// Everything until the end of the simulator is told, by topic.
+    /// Everything until the end of the simulator is announced, by topic.
     fn watch(mut self) -> BTreeMap<String, Vec<Vec<u8>>> {
         let mut seen: BTreeMap<String, Vec<Vec<u8>>> = BTreeMap::new();
         loop {
@@ -110,7 +110,7 @@ impl Viewer {
             assert_eq!(bytes[0], 1, "a message");
             let number = u32::from_le_bytes(bytes[1..5].try_into().expect("four"));
             let (topic, message) = (&self.topics[&number], bytes[HEAD..].to_vec());
-            let is_end = topic == "notes" && String::from_utf8_lossy(&message).contains("frames handed on");
+            let is_end = topic == "notes" && String::from_utf8_lossy(&message).contains("frames forwarded");
             seen.entry(topic.clone()).or_default().push(message);
             if is_end {
                 return seen;
@@ -165,5 +165,5 @@ fn a_viewer_is_shown_what_is_recorded_though_others_do_not_read() {
     assert_eq!(seen["/log"].len() + 1, seen["events"].len() + seen["notes"].len());
     drop(deaf);
     let rest = bridge.end();
-    assert!(rest.contains("frames handed on, 0 lost"), "{rest}");
+    assert!(rest.contains("frames forwarded, 0 lost"), "{rest}");
 }

@@ -63,7 +63,7 @@ fn records_about_a_field_carry_its_number() {
             .any(|l| l["message"].to_string().contains(what))
     };
     assert!(about("tracker", field.field, "field refused"), "{text}");
-    assert!(about("fpga-model", 4711, "no camera of the rig"), "{text}");
+    assert!(about("fpga-model", 4711, "a camera that the rig lacks"), "{text}");
 }
 
 fn header() -> FieldHeader {

@@ -134,14 +134,14 @@ fn a_run_takes_another_tracker_that_comes_late_goes_and_comes_back() {
         &report,
     ]);
     let mut observer = Observer::join(&name);
-    goes_on_saying(&mut observer, "nobody answers");
+    goes_on_saying(&mut observer, "no answer");
 
     let frame = Arc::<AtomicU64>::default();
     let whole = Server::start(port, &[0, 1, 2], &frame);
     says(&mut observer, STATE_RUNNING, "igtl");
     poses(&observer, 100);
     drop(whole);
-    says(&mut observer, STATE_DEGRADED, "nobody answers");
+    says(&mut observer, STATE_DEGRADED, "no answer");
     let part = Server::start(port, &[0, 2], &frame);
     goes_on_saying(&mut observer, "does not send NeedleToTracker");
     drop(part);
@@ -163,12 +163,12 @@ fn a_run_takes_another_tracker_that_comes_late_goes_and_comes_back() {
 
 /// What screen and report say of it.
 fn said_by(screen: &str, report: &serde_json::Value) {
-    for words in ["nobody answers at 127.0.0.1", "does not send NeedleToTracker", "poses-driver restarted"] {
+    for words in ["no answer from 127.0.0.1", "does not send NeedleToTracker", "poses-driver restarted"] {
         assert!(screen.contains(words), "{words:?} is missing in {screen}");
     }
     assert_eq!(report["restarts"]["poses-driver"], 1, "{report:#}");
     let warnings = report["warnings"].to_string();
-    assert!(warnings.contains("nobody answers") && warnings.contains("NeedleToTracker"), "{warnings}");
+    assert!(warnings.contains("no answer") && warnings.contains("NeedleToTracker"), "{warnings}");
 }
 
 /// Every pose that is recorded as measured was sent, to the last digit that the protocol has.

@@ -159,7 +159,7 @@ fn on_a_display(run: &str, stop: bool) -> Option<i32> {
 fn a_rig_on_a_display_ends_with_the_code_of_its_simulator_and_stops_in_order() {
     assert_eq!(on_a_display("exit 2", false), Some(2));
     assert_eq!(on_a_display("[ \"$*\" = 'run --instance rig --unscripted --full-screen' ]", false), Some(0));
-    // Ends once it is asked to, with a loss that it told.
+    // Ends once it is asked to, with a loss that it reported.
     let until_asked = "trap 'exit 3' TERM; >$begun; while :; do sleep 0.01; done";
     assert_eq!(on_a_display(until_asked, true), Some(3));
 }

@@ -1,5 +1,5 @@
 //! Parts of a recording are recordings: cut out, verified to the bit, drawn, and put together again; and whether
-//! one is whole is said.
+//! one is whole is shown.
 
 use rustix::fs::{FileType, Mode};
 use serde_json::Value;

@@ -7,7 +7,7 @@ use protocol::frames::FrameRecord;
 use renderer::gpu::Gpu;
 use vitreo_tests::{Observer, Running, WATCHDOG, instance_name, next};
 
-/// Pictures a second that a renderer sends unless it is told otherwise.
+/// Pictures a second that a renderer sends by default.
 const RATE_HZ: f64 = 2.0;
 /// Widest picture, both channels, px.
 const WIDEST_PX: u32 = 640;

@@ -20,7 +20,7 @@ fn run(
     let [rig, record, report_path] = [rig, &file, &report].map(|p| p.to_str().expect("UTF-8"));
     let run = ["run", view, "--direct", "--module", "navigation", "--duration", "4", "--instance", &name];
     let finished = vitreo(&[&run[..], &["--rig", rig, "--record", record, "--report", report_path]].concat());
-    // What a machine without time for it loses is told by 3, and counted below.
+    // A machine without time for it loses some, which exit code 3 reports, and which is counted below.
     assert!(matches!(finished.code, Some(0 | 3)), "{finished:?}");
     assert!(!finished.stderr.contains("50"), "nothing is counted at 50 Hz: {}", finished.stderr);
     (json(&report), file)

@@ -52,7 +52,7 @@ fn parts_are_read_as_one_and_verify_alone() {
         assert!(poses.identical > 50 && states.identical > 50, "{}: {told}", part.display());
         vitreo(&["check", &text(part)]).expect_code(0);
     }
-    // Every command tells the same of both.
+    // Every command reports the same of both.
     for command in
         [&["trace", "FILE", "400"][..], &["export", "FILE", "--csv", "events"], &["residuals", "FILE"]]
     {
@@ -128,7 +128,7 @@ fn a_missing_part_is_named_and_a_crashed_one_is_mended() {
     for number in 1..=2 {
         assert_eq!(verify(&part_file(&split, number)).finished.code, Some(0));
     }
-    // A mended part is a recording of its own.
+    // A mended part is a separate recording.
     let alone = folder.path().join("alone.mcap");
     vitreo(&["recover", &text(&third), "-o", &text(&alone)]).expect_code(3);
     assert!(Recording::open(&alone).expect("a recording").part().is_none());

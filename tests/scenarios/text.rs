@@ -158,7 +158,7 @@ fn the_page_of_every_result_and_the_help_keep_their_place() {
             [false, true].into_iter().for_each(|crowd| check(&mut face, &moment(&page, crowd)));
         }
     }
-    // Points and what injuries took are told apart: nobody has -20 of 20 points.
+    // Points and what injuries took are shown apart: there are no -20 of 20 points.
     let (mut score, mut page) = (begun.clone(), String::new());
     (score.categories[Category::Tissue as usize], score.injuries) = (-20.0, [12; INJURIES]);
     score.metrics[Id::Injuries as usize].value = Some(28.0);

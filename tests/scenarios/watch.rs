@@ -23,7 +23,7 @@ fn a_camera_that_was_moved_is_named_by_replay_and_run() {
     let good = verdict(&rig, 0);
     assert!(!good.stderr.contains("camera"), "{}", good.stderr);
     // It is left out, placed anew, and what is tracked suffices.
-    let named = "camera 1 is used where the others see it";
+    let named = "camera 1 is used at a place estimated from the others";
     let bad = verdict(&moved, 7);
     assert!(bad.stderr.contains("bad calibration of camera 1"), "{}", bad.stderr);
     assert!(bad.stderr.contains(named) && bad.stderr.contains("calibrate waved"), "{}", bad.stderr);

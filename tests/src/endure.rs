@@ -16,7 +16,7 @@ use std::time::Duration;
 
 /// How long a process may take to be back before it is given up.
 const GIVEN_UP_NS: u64 = 60_000_000_000;
-/// A campaign's run lasts so long at most, s; it is asked to end before.
+/// Longest run of a campaign, s; it is asked to end before.
 const LONGEST_S: &str = "7200";
 
 /// Poses and states of a campaign's recording that must verify; the first two seconds alone have as many.
@@ -27,7 +27,7 @@ const LEAST_VERIFIED: [u64; 2] = [50, 50];
 pub enum Blow {
     /// Killed; one in five of them again while it starts, one in seven together with another.
     Kill,
-    /// Stopped for up to so long, s, and continued.
+    /// Stopped for up to this time, s, and continued.
     Stop(f64),
 }
 
@@ -200,7 +200,7 @@ pub fn run(campaign: &Campaign, folder: &Path, mut progress: impl FnMut(usize)) 
     outcome
 }
 
-/// Starts `vitreo`, which writes what it has to say into a file: nobody reads a pipe for so long.
+/// Starts `vitreo`, which writes what it has to say into a file: a pipe would have no reader that long.
 fn start(args: &[&str], told: &Path) -> Child {
     let mut command = Command::new(binaries().join("vitreo"));
     command.args(args).current_dir(repository()).stdin(Stdio::null()).stdout(Stdio::null());

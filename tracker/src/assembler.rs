@@ -37,7 +37,7 @@ const GENLOCK_NS: u64 = 500_000;
 /// A camera is alive for this many periods after its last field arrived, and for this time at least, ns.
 const ALIVE_PERIODS: u64 = 4;
 const ALIVE_NS: u64 = 80_000_000;
-/// After consecutive old fields of a camera for so long, its clock was set back, ns.
+/// Time of consecutive old fields of a camera after which its clock counts as set back, ns.
 const CLOCK_SET_BACK_NS: u64 = 500_000_000;
 
 impl CameraState {

@@ -8,7 +8,7 @@
 //! | left out | resection | the resected pose explains its newest fields |
 //!
 //! A camera is left out on trial: where the two that remain disagree, it is used again and another one is
-//! left out. Two cameras alone cannot tell which of them was moved.
+//! left out. Two cameras alone do not show which of them was moved.
 
 mod evidence;
 mod jump;
@@ -115,21 +115,24 @@ impl std::fmt::Display for Notice {
                     if *px > 0.0 { format!("moved by {px:.1} px or more") } else { "lies elsewhere".into() };
                 write!(
                     f,
-                    "bad calibration of camera {camera}: its picture {by}; it is left out, and where it stands is estimated from the others"
+                    "bad calibration of camera {camera}: its picture {by}; it is left out, and its place is \
+                     estimated from the others"
                 )
             }
             Notice::Cleared { camera } => {
                 write!(
                     f,
-                    "camera {camera} is used again as the rig file has it: the others disagree without it too"
+                    "camera {camera} is used again at its place in the rig file: the others disagree \
+                     without it too"
                 )
             }
             Notice::TakenBack { camera, px } => write!(
                 f,
-                "camera {camera} is used again where the others see it ({px:.1} px from where the rig file has it): calibrate anew"
+                "camera {camera} is used again at a place estimated from the others ({px:.1} px from its \
+                 place in the rig file): calibrate again"
             ),
             Notice::StillMoving { camera } => {
-                write!(f, "camera {camera} goes on moving and stays left out: fasten it, then calibrate anew")
+                write!(f, "camera {camera} keeps moving and stays left out: fasten it, then calibrate again")
             }
             Notice::Disagree { cameras } => {
                 let ids: Vec<String> =
@@ -137,7 +140,8 @@ impl std::fmt::Display for Notice {
                 let ids = ids.join(", ");
                 write!(
                     f,
-                    "cameras {ids} disagree, and leaving out none of them helps: one or more of them were moved; calibrate the rig anew"
+                    "cameras {ids} disagree, and leaving out none of them helps: one or more of them were \
+                     moved; calibrate the rig again"
                 )
             }
         }

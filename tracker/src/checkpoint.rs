@@ -230,7 +230,7 @@ impl Loader<'_> {
     pub fn rotation(&mut self) -> Result<UnitQuaternion<f64>, CheckpointError> {
         let mut quaternion = Quaternion::identity();
         self.numbers(quaternion.coords.as_mut_slice())?;
-        require((quaternion.norm() - 1.0).abs() < ROTATION_TOLERANCE, "a rotation is none")?;
+        require((quaternion.norm() - 1.0).abs() < ROTATION_TOLERANCE, "a quaternion has not length 1")?;
         Ok(UnitQuaternion::new_unchecked(quaternion))
     }
 
@@ -239,7 +239,10 @@ impl Loader<'_> {
         let mut matrix = Matrix3::zeros();
         self.numbers(matrix.as_mut_slice())?;
         let off = (matrix * matrix.transpose() - Matrix3::identity()).norm();
-        require(off < ROTATION_TOLERANCE && matrix.determinant() > 0.0, "a camera's rotation is none")?;
+        require(
+            off < ROTATION_TOLERANCE && matrix.determinant() > 0.0,
+            "a camera's matrix is not a rotation",
+        )?;
         Ok(matrix)
     }
 }

@@ -209,7 +209,7 @@ pub const KNOCK_SHIFT_MM: f64 = 0.5;
 pub const KNOCK_REACH_PX: f64 = 16.0;
 /// Mean distance of the blobs of a field from their predictions above which the field jumps, px.
 pub const KNOCK_JUMP_PX: f64 = 0.8;
-/// Largest predicted variance of the eye's markers at which a jump can be told, px².
+/// Largest predicted variance of the eye's markers at which a jump can be detected, px².
 pub const KNOCK_SURE_PX2: f64 = 0.1;
 /// Least number of markers that show a jump.
 pub const KNOCK_JUMP_MARKERS: usize = 5;
@@ -254,7 +254,7 @@ pub const RESECTION_PROVISIONAL_FIELDS: u64 = 20;
 pub const SILENT_QUARTERS: u64 = 10;
 /// Least number of fields of a resection.
 pub const RESECTION_FIELDS: u64 = 80;
-/// Time after which a camera whose resection does not settle is said to be moving, ns.
+/// Time after which a camera whose resection does not settle counts as moving, ns.
 pub const RESECTION_LONGEST_NS: u64 = 6_000_000_000;
 /// Markers kept for a resection; more take longer than a field may.
 pub const RESECTION_SIGHTINGS: usize = 1_600;

@@ -73,8 +73,8 @@ impl std::fmt::Display for DriftReport {
             f,
             "the rig has drifted since it was calibrated (evidence {evidence:.0}): cameras by up to {mrad:.2} mrad and {shift:.0} µm, \
              markers by {inst0:.1}, {inst1:.1} and {eye:.1} µm (inst0, inst1, eye); this is corrected while it runs. \
-             What no residual shows, markers that moved together, may move the tips by {tip0:.1} and {tip1:.1} µm: \
-             calibrate anew"
+             Markers that moved together leave no residual, and may move the tips by {tip0:.1} and {tip1:.1} µm: \
+             calibrate again"
         )
     }
 }

@@ -1,4 +1,4 @@
-//! What a tracker tells while it works, in the log.
+//! What a tracker logs while it works.
 
 use crate::tracker::Tracker;
 
@@ -23,7 +23,7 @@ impl Report {
         }
         let restarts = tracker.restarts();
         if restarts > self.restarts {
-            tracing::error!(field, restarts, "a filter or predictor was not finite and began anew");
+            tracing::error!(field, restarts, "a filter or predictor was not finite and was reset");
         }
         self.restarts = restarts;
     }

@@ -44,7 +44,8 @@ pub enum RigDefect {
     },
     /// All cameras look from the same side.
     #[error(
-        "all cameras look from the same side, within {degrees:.1} degrees: depth is not seen. R is the rotation from \
+        "all cameras look from the same side, within {degrees:.1} degrees: depth cannot be measured. R is \
+         the rotation from \
          the world to the camera, by rows"
     )]
     OneView {
@@ -61,7 +62,8 @@ pub enum RigDefect {
     },
     /// The markers of a body are collinear.
     #[error(
-        "the markers of {body} lie in a line (within {lever_mm:.3} mm): its turn about that line, the roll, is free; \
+        "the markers of {body} lie in a line (within {lever_mm:.3} mm): its rotation about that line, the \
+         roll, is not determined; \
          at least one marker must stand {SHORTEST_ROLL_LEVER_MM} mm off"
     )]
     Collinear {

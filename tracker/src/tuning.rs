@@ -62,11 +62,11 @@ macro_rules! tunables {
 tunables! {
     sigma_x_px, "px", k::SIGMA_X_PX, 0.01..10.0, "standard deviation of the column of a blob of 1 px, where the stream gives none";
     sigma_y_px, "px", k::SIGMA_Y_PX, 0.01..10.0, "the same of its line in the frame";
-    gate, "", k::GATE, 1.0..1000.0, "squared Mahalanobis distance of a blob from a predicted marker that is still taken";
-    gate_px, "px", k::GATE_PX, 1.0..200.0, "largest distance of a blob from a predicted marker";
+    gate, "", k::GATE, 1.0..1000.0, "largest squared Mahalanobis distance of a blob from its predicted marker";
+    gate_px, "px", k::GATE_PX, 1.0..200.0, "largest distance of a blob from its predicted marker";
     outlier, "", k::OUTLIER, 2.0..1000.0, "squared normalised residual above which a blob is an outlier of a fit";
     robust_scale, "", k::ROBUST_SCALE, 0.1..1000.0, "squared residual of half weight in the robust iteration";
-    bad_fit, "", k::BAD_FIT, 1.0..1000.0, "reduced χ² above which a fit is refused";
+    bad_fit, "", k::BAD_FIT, 1.0..1000.0, "reduced χ² above which a fit is rejected";
     measured_mm, "mm", k::MEASURED_MM, 0.001..1.0, "largest standard deviation of a tip that counts as measured";
     measured_rad, "rad", k::MEASURED_RAD, 0.001..3.0, "largest standard deviation of a rotation that counts as measured";
     voluntary_mm_s2, "mm/s²", k::VOLUNTARY_MM_S2, 5.0..300.0, "initial standard deviation of the voluntary acceleration";
@@ -78,8 +78,8 @@ tunables! {
     turn_acceleration_tau_s, "s", k::TURN_ACCELERATION_TAU_S, 0.01..10.0, "its time constant";
     eye_acceleration_rad_s2, "rad/s²", k::EYE_ACCELERATION_RAD_S2, 0.001..20.0, "standard deviation of the acceleration of the eye's rotation";
     eye_acceleration_tau_s, "s", k::EYE_ACCELERATION_TAU_S, 0.01..10.0, "its time constant";
-    drift_kept, "", k::DRIFT_KEPT, 0.5..1.0, "what is kept of the evidence on the rig's drift, a solution";
-    drift_step, "", k::DRIFT_STEP, 0.0..1.0, "gain of a solution on the rig; with 0 the rig file is trusted";
+    drift_kept, "", k::DRIFT_KEPT, 0.5..1.0, "share of the evidence of drift that each solution keeps";
+    drift_step, "", k::DRIFT_STEP, 0.0..1.0, "gain of each solution on the rig; 0 trusts the rig file";
 }
 
 impl Default for Tuning {

@@ -153,7 +153,7 @@ fn nothing_is_allocated_per_frame() {
         ];
         let mut seen = fields(&rig, &poses, number);
         if (15..30).contains(&number) {
-            // Lost and searched for in vain, then found again.
+            // Lost and not found, then found again.
             seen.iter_mut().for_each(|f| f.count = 3);
         }
         let before = ALLOCATIONS.with(Cell::get);

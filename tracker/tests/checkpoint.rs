@@ -113,13 +113,13 @@ fn a_camera_that_is_being_resected_is_resected_on() {
     tracker.save(&mut bytes).unwrap();
     let mut other = Tracker::new(&stream.rig);
     other.restore(&bytes).unwrap();
-    // What was not told before is told by whoever goes on.
+    // What was not reported before is reported by the tracker that continues.
     let all = [tracker, other].map(|mut tracker| {
         told(&mut tracker, &stream.frames[MOVED_AT + 30..]);
         notices(&mut tracker)
     });
     assert_eq!(all[0], all[1]);
-    assert!(all[0].iter().any(|n| n.contains("used again where")), "{all:?}");
+    assert!(all[0].iter().any(|n| n.contains("used again at a place estimated")), "{all:?}");
 }
 
 #[test]

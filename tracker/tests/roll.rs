@@ -138,7 +138,7 @@ fn it_is_found_again_by_free_running_cameras() {
     }
 }
 
-/// While the marker beside the shaft is hidden from all cameras the roll is told as doubtful as it
+/// While the marker beside the shaft is hidden from all cameras the roll is reported as doubtful as it
 /// is; it is found again in the first frame.
 #[test]
 fn a_hidden_roll_is_told_as_doubtful_and_found_at_once() {

@@ -142,7 +142,7 @@ fn equal_colours_are_never_taken_for_each_other() {
     check("samecol", 3.8, 1.0);
 }
 
-/// The tip's errors, squared and normalised by the covariance told, should be χ² with 3 degrees of
+/// The tip's errors, squared and normalised by the reported covariance, should be χ² with 3 degrees of
 /// freedom: mean 3. Errors of neighbouring frames are alike, so that 85 frames of two instruments
 /// count as some 60 free ones: 99.9 % of such means lie within 3 ± 1.05.
 #[test]

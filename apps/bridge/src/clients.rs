@@ -104,7 +104,10 @@ impl Clients {
         let late = |c: &Client| !c.waiting.is_empty() && now.saturating_sub(c.taken_ns) > PATIENCE_NS;
         let late: Vec<u64> = self.clients.iter().filter(|(_, c)| late(c)).map(|(id, _)| *id).collect();
         for id in late {
-            self.close(id, &format!("is closed, it has read nothing for {} s", PATIENCE_NS / 1_000_000_000));
+            self.close(
+                id,
+                &format!("was disconnected: it has read nothing for {} s", PATIENCE_NS / 1_000_000_000),
+            );
         }
     }
 
@@ -119,7 +122,7 @@ impl Clients {
                     watch(&self.interest, &client.stream, *id, true);
                 }
                 Ok(()) => {}
-                Err(problem) => gone.push((*id, format!("is gone ({problem})"))),
+                Err(problem) => gone.push((*id, format!("has disconnected ({problem})"))),
             }
         }
         gone.iter().for_each(|(id, why)| self.close(*id, why));
@@ -128,21 +131,24 @@ impl Clients {
     /// Closes all.
     pub fn end(&mut self) {
         let all: Vec<u64> = self.clients.keys().copied().collect();
-        all.into_iter().for_each(|id| self.close(id, "is closed, the bridge ends"));
+        all.into_iter().for_each(|id| self.close(id, "was disconnected: the bridge stops"));
     }
 
     fn accept(&mut self, now: Nanos) {
         match self.listener.accept() {
             Ok((_, who)) if self.count() >= CLIENTS => {
-                message(Level::WARN, &format!("{who} was turned away: {CLIENTS} clients at a time"));
+                message(
+                    Level::WARN,
+                    &format!("{who} was rejected: {CLIENTS} clients are connected, the most at a time"),
+                );
             }
             Ok((stream, who)) => match self.take_in(stream, who, now) {
                 Ok(()) => message(Level::INFO, &format!("{who} is connected")),
-                Err(problem) => message(Level::WARN, &format!("{who} could not be taken: {problem}")),
+                Err(problem) => message(Level::WARN, &format!("{who} could not be accepted: {problem}")),
             },
             Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
             Err(problem) => {
-                message(Level::WARN, &format!("a client could not be taken: {problem}"));
+                message(Level::WARN, &format!("a client could not be accepted: {problem}"));
                 // It goes on wanting to be taken, which must not keep this thread busy.
                 let _ = epoll::delete(&self.interest, &self.listener);
                 self.deaf_until_ns = now + PAUSE_NS;
@@ -196,7 +202,7 @@ impl Clients {
 /// Starts or stops watching whether a client can be written to.
 fn watch(interest: &OwnedFd, stream: &TcpStream, id: u64, writing: bool) {
     let flags = if writing { EventFlags::IN | EventFlags::OUT } else { EventFlags::IN };
-    // A client of which nothing is told any more is closed when it has read nothing for long.
+    // A client that is sent nothing more is closed once it has read nothing for long.
     let _ = epoll::modify(interest, stream, EventData::new_u64(id), flags);
 }
 
@@ -241,13 +247,13 @@ impl Client {
     fn listen(&mut self) -> Result<(), String> {
         let mut bytes = [0; READ_BYTES];
         match self.stream.read(&mut bytes) {
-            Ok(0) => Err("is gone".into()),
+            Ok(0) => Err("has disconnected".into()),
             Ok(n) => self
                 .reader
                 .take(&bytes[..n], |_| {})
-                .map_err(|broken| format!("is closed, it does not speak OpenIGTLink ({broken})")),
+                .map_err(|broken| format!("was disconnected: it does not speak OpenIGTLink ({broken})")),
             Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => Ok(()),
-            Err(problem) => Err(format!("is gone ({problem})")),
+            Err(problem) => Err(format!("has disconnected ({problem})")),
         }
     }
 }

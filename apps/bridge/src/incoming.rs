@@ -132,7 +132,7 @@ impl Incoming {
     /// Gives the frame that is pending out.
     fn close(&mut self, arrived_ns: Nanos, send: &mut impl FnMut(&TrackerFrame)) {
         let Some(pending) = self.pending.take() else { return };
-        // One that is no newer than the last tells nothing.
+        // One that is no newer than the last carries no news.
         if pending.exposed_ns <= self.exposed_ns {
             return;
         }
@@ -325,7 +325,7 @@ mod tests {
             content: Content::Transform(identity),
         };
         let mut sent = Vec::new();
-        // A clock that is an hour off: stamps tell frames apart, instants are those of arrival.
+        // A clock that is an hour off: stamps distinguish frames, instants are those of arrival.
         for (device, unix_ns, ms) in [("A", 7, 10), ("A", 8, 30), ("B", 8, 31), ("B", 9, 50)] {
             let taken = incoming.take(&message(device, unix_ns), ms * MS, OFFSET, |f| sent.push(*f));
             assert_eq!(taken, Taken::Used);

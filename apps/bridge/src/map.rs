@@ -140,7 +140,7 @@ impl Map {
         }
         let names: Vec<&str> = map.bodies.iter().flatten().map(|b| &*b.transform).collect();
         if let Some(twice) = names.iter().enumerate().find(|(i, name)| names[..*i].contains(name)) {
-            return Err(value("transform", "another one for each body", twice.1));
+            return Err(value("transform", "a different name for each body", twice.1));
         }
         if let Some(pose) = file.world_from_tracker {
             map.world_from_tracker = isometry("world_from_tracker", pose)?;
@@ -185,7 +185,7 @@ fn number(
 fn mapped(body: usize, entry: &BodyEntry) -> Result<Mapped, MapError> {
     let key = |name: &str| format!("{}.{name}", BODY_NAMES[body]);
     if entry.transform.is_empty() || entry.transform.len() > 20 {
-        return Err(value(&key("transform"), "1 to 20 bytes, as OpenIGTLink has room for", &entry.transform));
+        return Err(value(&key("transform"), "1 to 20 bytes, the limit of OpenIGTLink", &entry.transform));
     }
     let tip = entry.tool_from_tip.map(|pose| isometry(&key("tool_from_tip"), pose)).transpose()?;
     Ok(Mapped { transform: entry.transform.clone(), tool_from_tip: tip.unwrap_or_else(Isometry3::identity) })
@@ -234,7 +234,7 @@ mod tests {
             ("[inst2]\ntransform = \"A\"\n", "unknown field `inst2`"),
             ("[inst0]\ntransform = \"\"\n", "inst0.transform: expected 1 to 20 bytes"),
             ("[inst0]\ntransform = \"ANameOfTwentyOneBytes\"\n", "inst0.transform"),
-            (&format!("{a}[inst1]\ntransform = \"A\"\n"), "another one for each body, found A"),
+            (&format!("{a}[inst1]\ntransform = \"A\"\n"), "a different name for each body, found A"),
             (&format!("position_noise_mm = 0.0\n{a}"), "position_noise_mm: expected 1e-6 to 100, found 0"),
             (&format!("acceleration_mm_s2 = nan\n{a}"), "acceleration_mm_s2: expected 0.001 to 1e6"),
             (

@@ -179,7 +179,7 @@ impl Source {
             return match &self.stream {
                 Some(_) if since(self.connected_ns) <= SILENT_NS => None,
                 Some(_) => Some(format!("{} is connected and sends no transform of the map", self.address)),
-                None => Some(format!("nobody answers at {}", self.address)),
+                None => Some(format!("no answer from {}", self.address)),
             };
         }
         let missing = incoming.missing_since(at.saturating_sub(MISSING_NS));
@@ -219,7 +219,9 @@ impl Source {
             };
             match taken {
                 Taken::Used => self.hear(at),
-                Taken::Unknown(device) => self.tell(format!("transform {device:?} is of no body of the map")),
+                Taken::Unknown(device) => {
+                    self.tell(format!("transform {device:?} belongs to no body of the map"))
+                }
                 Taken::Refused(why) => self.tell(why),
             }
         }
@@ -252,7 +254,7 @@ impl Source {
                 (self.stream, self.reader, self.connected_ns) = (Some(stream), Reader::default(), now());
             }
             Ok(Err(problem)) => {
-                self.tell(format!("waiting for {}: nobody answers there ({problem})", self.address));
+                self.tell(format!("waiting for {}: no answer ({problem})", self.address));
                 std::thread::sleep(WAIT);
             }
             // The thread could not do its work.

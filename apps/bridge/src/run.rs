@@ -205,7 +205,7 @@ impl Bridge {
             seen.as_mut().map_or(Ok(()), |seen| self.show(seen))?;
         }
         let counts = poses.counts();
-        self.tell(format!("{} frames handed on, {} lost", counts.received, counts.lost));
+        self.tell(format!("{} frames forwarded, {} lost", counts.received, counts.lost));
         self.say_that_it_ended()
     }
 

@@ -83,7 +83,7 @@ impl Writer {
         let transforms =
             [first, second, eye, eye_from_world * first, eye_from_world * second, eye_from_world];
         let [of_first, of_second, of_eye] = frame.bodies.map(|body| ToolStatus::of(&body));
-        // What is told of an instrument in the eye holds where both are there.
+        // Transforms of an instrument in the eye are valid only where both are tracked.
         let both = |instrument| if of_eye == ToolStatus::Ok { instrument } else { of_eye };
         let states = [of_first, of_second, of_eye, both(of_first), both(of_second), of_eye];
         let bodies = [Some(0), Some(1), Some(EYE), None, None, None];
@@ -108,7 +108,7 @@ impl Writer {
         Ok(())
     }
 
-    /// Appends what is said when nothing comes any more: every transform is missing.
+    /// Appends the messages for an input that has stopped: every transform is missing.
     ///
     /// # Errors
     /// None with the names of [`NAMES`].

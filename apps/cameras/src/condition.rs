@@ -99,7 +99,7 @@ impl Condition {
             let (before, since) = before?;
             let seconds = now.saturating_sub(since) as f64 * 1e-9;
             let again = if before.kind == Kind::Awaited { "" } else { " again" };
-            let text = format!("{} is there{again} after {seconds:.1} s", self.name);
+            let text = format!("{} is available{again} after {seconds:.1} s", self.name);
             return std::mem::take(&mut self.is_told).then_some(News { is_bad: false, text });
         };
         let same = before.as_ref().filter(|(b, _)| b.kind == trouble.kind && b.text == trouble.text);

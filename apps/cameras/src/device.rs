@@ -129,7 +129,7 @@ pub struct Absent;
 
 impl std::fmt::Display for Absent {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("is unplugged; it is waited for")
+        f.write_str("is unplugged; waiting for it")
     }
 }
 
@@ -198,14 +198,14 @@ impl Role {
         let [width, lines] = self.frame_px.map(|n| n as usize);
         let found = [layout.width, layout.height];
         let Some(order) = Order::of_v4l2(field, self.frame_px[1]) else {
-            bail!("brings buffers of the unknown field order {field}");
+            bail!("delivers buffers of the unknown field order {field}");
         };
         let is_field = matches!(order, Order::Top | Order::Bottom)
             || (order == Order::None && self.scan == Scan::Interlaced && layout.height == lines / 2);
         let height = if is_field { lines / 2 } else { lines };
         ensure!(
             found == [width, height],
-            "brings {} of {}×{} px; the rig wants frames of {width}×{lines} px",
+            "delivers {} of {}×{} px; the rig expects frames of {width}×{lines} px",
             order.name(),
             found[0],
             found[1]
@@ -214,7 +214,7 @@ impl Role {
             Scan::Progressive => order == Order::None,
             Scan::Interlaced => order != Order::None || is_field,
         };
-        ensure!(fits, "brings {}; the scan of the rig's camera is {}", order.name(), self.scan.name());
+        ensure!(fits, "delivers {}; the scan of the rig's camera is {}", order.name(), self.scan.name());
         let half = lines / 2;
         Ok(match order {
             Order::None => Parts::one(None),
@@ -262,7 +262,7 @@ mod tests {
         let pal = Role { frame_px: [720, 576], scan: Scan::Interlaced };
         let whole = Role { frame_px: [720, 576], scan: Scan::Progressive };
         for (role, field, size, named) in [
-            (pal, 4, [640, 480], "interlaced frames of 640×480 px; the rig wants frames of 720×576 px"),
+            (pal, 4, [640, 480], "interlaced frames of 640×480 px; the rig expects frames of 720×576 px"),
             (pal, 4, [720, 288], "720×288"),
             (pal, 1, [720, 576], "progressive pictures; the scan of the rig's camera is interlaced"),
             (whole, 4, [720, 576], "interlaced frames; the scan of the rig's camera is progressive"),

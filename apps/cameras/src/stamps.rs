@@ -23,7 +23,7 @@ const LARGEST_DRIFT: f64 = 1e-3;
 /// Deviations beyond this share of a period are no jitter: the camera has changed its pace.
 const LOST_LOCK: f64 = 0.25;
 
-/// What is said of a picture's instant.
+/// A picture's timestamp and its clock.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Taken {
     /// Its last line left the sensor.

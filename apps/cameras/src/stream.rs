@@ -41,28 +41,28 @@ impl Expected {
         if self.scan == Scan::Progressive {
             ensure!(
                 !interlaced && found == [width, height],
-                "brings {} of {}×{} px; the rig wants whole frames of {width}×{height} px (Ip), for its scan is \
-                 progressive",
+                "has {} of {}×{} px; the rig expects whole frames of {width}×{height} px (Ip), because its \
+                 scan is progressive",
                 if interlaced { "interlaced frames" } else { "pictures" },
                 found[0],
                 found[1]
             );
             if self.has_parity {
-                bail!("brings whole frames, which have all lines: leave ?parity away");
+                bail!("has whole frames, which have all lines: omit ?parity");
             }
             return Ok(());
         }
         let what = if interlaced { "interlaced frames" } else { "progressive pictures" };
         ensure!(
             found == [width, if interlaced { height } else { height / 2 }],
-            "brings {what} of {}×{} px; the rig wants fields of {width}×{} px (Ip) or interlaced frames of \
+            "has {what} of {}×{} px; the rig expects fields of {width}×{} px (Ip) or interlaced frames of \
              {width}×{height} px (It, Ib)",
             found[0],
             found[1],
             height / 2
         );
         if interlaced && self.has_parity {
-            bail!("brings interlaced frames, which say the order of their fields: leave ?parity away");
+            bail!("has interlaced frames, which contain the order of their fields: omit ?parity");
         }
         Ok(())
     }
@@ -72,9 +72,7 @@ impl Expected {
         let [pictures, seconds] = head.rate?;
         let hz = pictures as f64 / seconds as f64 * head.interlace.parities().len() as f64;
         let same = (hz / self.field_hz - 1.0).abs() < SAME_RATE;
-        (!same).then(|| {
-            format!("says {hz:.2} fields a second and is taken for the {:.2} of the rig", self.field_hz)
-        })
+        (!same).then(|| format!("has {hz:.2} fields per second; the rig's {:.2} are used", self.field_hz))
     }
 }
 
@@ -113,7 +111,7 @@ impl<R: BufRead> PictureStream<R> {
     /// # Errors
     /// A picture that is incomplete, or what is no picture; the stream is then of no more use.
     pub fn read(&mut self, into: &mut Picture) -> Result<bool> {
-        let Some(clip) = &mut self.clip else { bail!("brings nothing that can be read") };
+        let Some(clip) = &mut self.clip else { bail!("contains nothing readable") };
         if !clip.begins_anew()? {
             return clip.read(into);
         }
@@ -124,7 +122,7 @@ impl<R: BufRead> PictureStream<R> {
 }
 
 /// What errors of the clip begin with.
-const NAME: &str = "brings no YUV4MPEG2";
+const NAME: &str = "is not YUV4MPEG2";
 
 /// True where nothing in the picture is brighter than black.
 pub fn is_black(picture: &Picture) -> bool {
@@ -181,11 +179,11 @@ mod tests {
             (
                 "YUV4MPEG2 W4 H4 Ip",
                 expected(),
-                "progressive pictures of 4×4 px; the rig wants fields of 4×2 px",
+                "progressive pictures of 4×4 px; the rig expects fields of 4×2 px",
             ),
             ("YUV4MPEG2 W4 H2 It", expected(), "interlaced frames of 4×2 px"),
             ("YUV4MPEG2 W6 H2 Ip", expected(), "6×2"),
-            ("YUV4MPEG2 W4 H4 It", with_parity, "leave ?parity away"),
+            ("YUV4MPEG2 W4 H4 It", with_parity, "omit ?parity"),
             ("YUV4MPEG2 W4 H2 Ip C420p10", expected(), "a colour space of 8 bits a sample"),
             ("RIFF", expected(), "begins with YUV4MPEG2"),
         ] {
@@ -202,9 +200,13 @@ mod tests {
         assert!(matches!(read(&bytes, whole.clone()), (luma, Ok(())) if luma == [40; 2]));
         let with_parity = Expected { has_parity: true, ..whole.clone() };
         for (head, expected, named) in [
-            ("YUV4MPEG2 W4 H2 Ip", whole.clone(), "pictures of 4×2 px; the rig wants whole frames of 4×4 px"),
-            ("YUV4MPEG2 W4 H4 It", whole, "brings interlaced frames of 4×4 px"),
-            ("YUV4MPEG2 W4 H4 Ip", with_parity, "leave ?parity away"),
+            (
+                "YUV4MPEG2 W4 H2 Ip",
+                whole.clone(),
+                "pictures of 4×2 px; the rig expects whole frames of 4×4 px",
+            ),
+            ("YUV4MPEG2 W4 H4 It", whole, "has interlaced frames of 4×4 px"),
+            ("YUV4MPEG2 W4 H4 Ip", with_parity, "omit ?parity"),
         ] {
             let told = read(&clip(head, 1, 40), expected).1.unwrap_err().to_string();
             assert!(told.contains(named), "{head}: {told}");
@@ -228,7 +230,7 @@ mod tests {
             PictureStream::open(&bytes[..], expected()).unwrap().note
         };
         assert_eq!((note("F50:1"), note("F0:0"), note("F50001:1000")), (None, None, None));
-        assert!(note("F25:1").unwrap().contains("says 25.00 fields a second"));
+        assert!(note("F25:1").unwrap().contains("has 25.00 fields per second"));
     }
 
     #[test]

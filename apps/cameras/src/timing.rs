@@ -23,7 +23,7 @@ pub struct Clock {
     pub period_ns: u64,
     /// From the first line until the last has left the slowest sensor, ns.
     pub lines_ns: u64,
-    /// So long after it was read out a field waits at most for one of another camera.
+    /// Longest wait of a field for one of another camera, after its read-out.
     pub patience_ns: u64,
 }
 
@@ -62,7 +62,7 @@ impl Clock {
 /// What becomes of a field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
-    /// It has this number, and came so long after it was read out.
+    /// It has this number, and arrived this long after its read-out.
     Taken {
         /// Its number.
         number: u64,

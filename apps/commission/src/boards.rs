@@ -99,11 +99,11 @@ impl Seen {
     pub fn advice(&self, for_lens: bool) -> Vec<String> {
         let (id, found, all) = (self.id, self.sheets.len(), self.pictures);
         if all < FEWEST {
-            return vec![format!("camera {id}: pictures: {all}, at least {FEWEST} are needed: take 20")];
+            return vec![format!("camera {id}: {all} pictures, at least {FEWEST} are needed: take 20")];
         }
         if found < FEWEST {
             let what = if 2 * self.parts_only > all - found {
-                "hold all of its corners in the picture, and check --board"
+                "keep all of its corners in the picture, and check --board"
             } else {
                 "move it nearer, light it evenly, and check --board"
             };
@@ -115,8 +115,8 @@ impl Seen {
         let fill = self.fill();
         if fill < LEAST_FILL {
             said.push(format!(
-                "camera {id}: the board fills {:.1} % of the picture, at least {:.0} % are needed: bring it nearer, or \
-                 take a larger one",
+                "camera {id}: the board fills {:.1} % of the picture, at least {:.0} % are needed: bring it \
+                 nearer, or use a larger one",
                 100.0 * fill,
                 100.0 * LEAST_FILL
             ));
@@ -199,7 +199,7 @@ mod tests {
             "camera 2 saw the board in 3 of 40 pictures, at least 8 are needed: move it nearer, light it evenly, and \
              check --board"
         );
-        assert!(say(seen(middle(3), 40, 30)).contains("hold all of its corners in the picture"));
+        assert!(say(seen(middle(3), 40, 30)).contains("keep all of its corners in the picture"));
         assert!(say(seen(middle(5), 5, 0)).contains("pictures: 5, at least 8 are needed: take 20"));
         let small = (0..9).map(|v| sheet([80.0 * v as f64, 60.0 * v as f64], 30.0, v)).collect();
         assert!(say(seen(small, 9, 0)).contains("the board fills 0.2 % of the picture"), "too small");

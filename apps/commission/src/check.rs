@@ -44,7 +44,7 @@ pub fn run(rig: &Rig, args: &CheckArgs) -> Result<(Outcome, bool)> {
         Some(path) => holds(rig, path, &mut outcome)?,
         None => {
             let said =
-                "without a stream it is not known whether the rig fits its cameras: check --from STREAM";
+                "whether the rig fits its cameras is unknown without a stream: run check --from STREAM";
             outcome.record.advice.push(said.into());
             true
         }
@@ -107,8 +107,8 @@ fn holds(rig: &Rig, path: &Path, outcome: &mut Outcome) -> Result<bool> {
     }
     for (camera, shift) in rig.cameras.iter().zip(&found.cameras).filter(|(_, c)| c.drifted) {
         record.advice.push(format!(
-            "camera {}: its residuals are shifted by {:.3} px (limit {LIMIT_PX}): fasten it, and do poses --from a stream \
-             of waved instruments again, with --force",
+            "camera {}: its residuals are shifted by {:.3} px (limit {LIMIT_PX}): fasten it, then repeat \
+             poses --from STREAM (waved instruments) with --force",
             camera.id, shift.systematic_px
         ));
     }
@@ -118,8 +118,8 @@ fn holds(rig: &Rig, path: &Path, outcome: &mut Outcome) -> Result<bool> {
     let fits = fit.share >= LEAST_SHARE && fit.left_px <= LARGEST_LEFT_PX;
     if !fits {
         record.advice.push(format!(
-            "the rig does not fit the stream ({fit}; at least {:.0} % and at most {LARGEST_LEFT_PX} px are asked for): do \
-             poses again; vitreo residuals --causes says of a recording what is wrong",
+            "the rig does not fit the stream ({fit}; at least {:.0} % and at most {LARGEST_LEFT_PX} px are \
+             required): repeat poses; vitreo residuals RECORDING --causes names the likely cause",
             100.0 * LEAST_SHARE
         ));
     }

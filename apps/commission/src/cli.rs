@@ -93,7 +93,7 @@ pub fn run(args: &CommissionArgs) -> Result<ExitCode> {
         // Each is a line of its own.
         Some(Refused(advice)) if advice.len() > 1 => {
             advice.iter().for_each(|said| warn(said));
-            anyhow!("{}: {} things are to be mended; nothing was written", step.name(), advice.len())
+            anyhow!("{}: {} problems to correct; nothing was written", step.name(), advice.len())
         }
         _ => error,
     })?;
@@ -109,7 +109,7 @@ pub fn run(args: &CommissionArgs) -> Result<ExitCode> {
 }
 
 fn tell(step: Step, record: &Record) {
-    let kept = if record.kept { " (what was there stays)" } else { "" };
+    let kept = if record.kept { " (previous values are kept)" } else { "" };
     println!("{}: {}{kept}", step.name(), record.summary);
     for (name, value) in &record.figures {
         println!("  {name}: {value}");
@@ -131,7 +131,7 @@ fn status(folder: &Folder) -> String {
     let mut lines: Vec<String> = Step::ALL.into_iter().map(line).collect();
     lines.push(match folder.state.next() {
         Some(step) => format!("next: vitreo commission {shown} {}", step.how()),
-        None => format!("all is done: vitreo run --rig {shown}/rig.json; see {shown}/report.html"),
+        None => format!("all steps are done: vitreo run --rig {shown}/rig.json; see {shown}/report.html"),
     });
     lines.join("\n")
 }

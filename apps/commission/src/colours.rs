@@ -69,7 +69,7 @@ pub fn run(folder: &Folder, rig: &Rig, args: &PicturesArgs) -> Result<Outcome> {
     }
     record.kept = kept;
     if kept {
-        record.notes.push("the colours that were there find more markers in these pictures, and stay".into());
+        record.notes.push("the previous colours find more markers in these pictures and are kept".into());
     }
     outcome.colours = (!kept || !there.exists()).then(|| if kept { before.text() } else { file.text() });
     outcome.record = record;
@@ -163,7 +163,10 @@ fn absent(wanted: &[Colour], pairs: &[Option<usize>], found: &[Heap]) -> Vec<Str
         let near = near.min_by(|a, b| apart_deg(a.1, usual).total_cmp(&apart_deg(b.1, usual)));
         let or = near.map_or(String::new(), |(c, hue)| {
             let name = c.name();
-            format!("; if it is in the pictures, its paint is too near to {name} (hue {hue:.0}°): take another, or mend the white balance")
+            format!(
+                "; if it is in the pictures, its paint is too close to {name} (hue {hue:.0}°): use \
+                another paint, or correct the white balance"
+            )
         });
         let name = colour.name();
         format!(
@@ -183,8 +186,9 @@ fn too_near(chosen: &[(Colour, &Heap)]) -> Vec<String> {
             if apart < least {
                 let (a, b, x, y) = (a.name(), b.name(), first.hue_deg, second.hue_deg);
                 said.push(format!(
-                    "{a} (hue {x:.0}°) and {b} (hue {y:.0}°) are too near: {apart:.0}° apart, at least {least:.0}° are \
-                     needed: paint one of them in another colour, or mend light and white balance"
+                    "{a} (hue {x:.0}°) and {b} (hue {y:.0}°) are too close: {apart:.0}° apart, at least \
+                     {least:.0}° are needed: paint one of them in another colour, or correct light and \
+                     white balance"
                 ));
             }
         }
@@ -308,13 +312,14 @@ impl Tried {
                 found.push(format!("{seen} {name}"));
                 if seen == 0 {
                     record.advice.push(format!(
-                        "camera {camera} shows no {name} marker in {pictures} pictures: look whether it is in view and lit"
+                        "camera {camera} shows no {name} marker in {pictures} pictures: check that it is in \
+                         view and lit"
                     ));
                 }
                 if seen > *markers {
                     record.advice.push(format!(
                         "camera {camera}: {seen} {name} blobs in one picture, but the rig has {markers} such markers: \
-                         something else there is {name}; cover it"
+                         another object there is {name}: cover it"
                     ));
                 }
             }

@@ -198,7 +198,10 @@ impl Folder {
         }
         if let Some(begin) = begin.filter(|path| !is_own(path)) {
             let (own, begin) = (own.display(), begin.display());
-            return Err(anyhow!("--rig {begin}: {own} is there already, and goes on; begin another folder"));
+            return Err(anyhow!(
+                "--rig {begin}: {own} exists already and is continued; use another folder to begin with \
+                 another rig"
+            ));
         }
         Ok(Rig::load(&own)?)
     }
@@ -210,7 +213,7 @@ impl Folder {
     pub fn claim(&self, step: Step, force: bool) -> Result<()> {
         let Some(record) = self.state.steps.get(&step).filter(|_| !force) else { return Ok(()) };
         let (name, summary) = (step.name(), &record.summary);
-        Err(anyhow!("{name} was done already: {summary}; --force does it again"))
+        Err(anyhow!("{name} was done already: {summary}; --force repeats it"))
     }
 
     /// Writes what a step leaves: pictures, rig and colours, then that it was done, then the page. The rig that was

@@ -111,7 +111,8 @@ fn of_camera(rig: &Rig, seen: &Seen, free: [bool; LENS]) -> Result<Lens> {
     let rms = fit.rms_px;
     refuse(Vec::from_iter((rms > LARGEST_RMS_PX).then(|| {
         format!(
-            "camera {id}: residuals of {rms:.2} px, at most {LARGEST_RMS_PX} are taken: glue the board onto something \
+            "camera {id}: residuals of {rms:.2} px, at most {LARGEST_RMS_PX} are accepted: glue the board \
+             onto something \
              flat, hold it still, and focus"
         )
     })))?;
@@ -161,11 +162,11 @@ fn describe(seen: &Seen, lens: &Lens, record: &mut Record) {
     );
     record.figure(format!("camera {id}: residuals"), format!("{:.3} px", fit.rms_px));
     record.figure(
-        format!("camera {id}: residuals of pictures that took no part"),
-        format!("{:.3} px; with the lens that was there {:.3} px", lens.held_out_px, lens.before_px),
+        format!("camera {id}: residuals of held-out pictures"),
+        format!("{:.3} px; with the previous lens {:.3} px", lens.held_out_px, lens.before_px),
     );
     if lens.kept {
-        record.notes.push(format!("camera {id}: the lens that was there fits as well, and stays"));
+        record.notes.push(format!("camera {id}: the previous lens fits as well and is kept"));
     }
     if fit.rms_px > GOOD_RMS_PX {
         record.advice.push(format!(

@@ -138,7 +138,7 @@ impl PicturesArgs {
             let name = path.display();
             let Some((camera, view)) = named(&path) else {
                 bail!(
-                    "{name}: expected a name that says of which camera it is, such as cam0-007.png or cam0/007.png"
+                    "{name}: expected a name with the camera's number, such as cam0-007.png or cam0/007.png"
                 );
             };
             ensure!(ids.contains(&camera), "{name}: the rig has no camera {camera}; its cameras are {ids:?}");
@@ -148,7 +148,7 @@ impl PicturesArgs {
             match feeds.entry(camera).or_insert(empty) {
                 Kind::Stills(views) if !is_clip => {
                     if let Some(first) = views.insert(view, path.clone()) {
-                        bail!("{name}: camera and view are those of {}", first.display());
+                        bail!("{name}: has the camera and the view of {}", first.display());
                     }
                 }
                 Kind::Clip(clip) if is_clip && clip.as_os_str().is_empty() => *clip = path,
@@ -270,13 +270,17 @@ mod tests {
         let refused = |ids: &[u32]| args.feeds(ids).unwrap_err().to_string();
         assert!(refused(&[0]).contains("the rig has no camera 1"), "{}", refused(&[0]));
         write("cam0-1.png");
-        assert!(refused(&[0, 1]).contains("camera and view are those of"), "{}", refused(&[0, 1]));
+        assert!(refused(&[0, 1]).contains("has the camera and the view of"), "{}", refused(&[0, 1]));
         std::fs::remove_file(folder.path().join("cam0-1.png")).unwrap();
         write("cam1.y4m");
         assert!(refused(&[0, 1]).contains("or one clip of camera 1"), "{}", refused(&[0, 1]));
         std::fs::remove_file(folder.path().join("cam1.y4m")).unwrap();
         write("board.png");
-        assert!(refused(&[0, 1]).contains("board.png: expected a name that says"), "{}", refused(&[0, 1]));
+        assert!(
+            refused(&[0, 1]).contains("board.png: expected a name with the camera's number"),
+            "{}",
+            refused(&[0, 1])
+        );
     }
 
     /// Two pipes are read in turns, one picture in `every`, and left after `most`.

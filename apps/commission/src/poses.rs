@@ -68,7 +68,8 @@ fn boards(rig: &Rig, args: &PosesArgs) -> Result<Outcome> {
     let expected = rig.cameras();
     let found = placed(&expected, &sheets).map_err(|problem| {
         Refused(vec![format!(
-            "the board does not place the cameras ({problem}): hold it where several see it"
+            "the board does not determine where the cameras are ({problem}): hold it where several of them \
+             see it"
         )])
     })?;
     refuse(misplaced(&found, &expected))?;
@@ -86,26 +87,27 @@ fn boards(rig: &Rig, args: &PosesArgs) -> Result<Outcome> {
     record.summary = format!("{n} cameras from {views} views of a board: residuals {:.2} px", found.rms_px);
     record.figure("residuals", format!("{:.3} px", found.rms_px));
     record.figure(
-        "residuals of views that took no part",
-        format!("{held_out_px:.3} px; with the places that were there {before_px:.3} px"),
+        "residuals of held-out views",
+        format!("{held_out_px:.3} px; with the previous places {before_px:.3} px"),
     );
     for (camera, off) in placed_now.iter().zip(beside(&placed_now, &expected)) {
         let id = camera.id;
         record.figure(
-            format!("camera {id}: beside where the rig had it"),
+            format!("camera {id}: away from its place in the rig"),
             format!("{:.3} mm, {:.2} mrad", off.mm, off.rad * 1e3),
         );
         if off.mm > BESIDE.0 || off.rad > BESIDE.1 {
             record.advice.push(format!(
-                "camera {id} is {:.1} mm and {:.0} mrad beside where the rig had it: is it where it should be?",
+                "camera {id} is {:.1} mm and {:.0} mrad away from its place in the rig: is it where it \
+                 should be?",
                 off.mm,
                 off.rad * 1e3
             ));
         }
     }
     record.notes.push(
-        "the lenses are those of the rig; where all cameras are to the eye is as the rig had it: next, poses --from a \
-         stream of waved instruments, with --force, and trocars"
+        "the lenses, and the place of the cameras as a whole relative to the eye, are those of the rig: \
+         next, poses --from STREAM (waved instruments) with --force, then trocars"
             .into(),
     );
     pictures(rig, &found.residuals, &mut outcome)?;
@@ -134,7 +136,8 @@ fn lonely(rig: &Rig, sheets: &[TargetView]) -> Vec<String> {
         .map(|(id, views)| {
             format!(
                 "camera {id} and another one saw the board at one time in {views} views, at least {FEWEST_SHARED} are \
-                 needed: hold it where camera {id} and others see it, and give pictures of one time one number"
+                 needed: hold it where camera {id} and others see it, and give pictures taken at one time the same \
+                 number"
             )
         })
         .collect()
@@ -152,14 +155,15 @@ fn misplaced(found: &Calibrated, expected: &[Camera]) -> Vec<String> {
         ));
     } else if !(1.0 / LARGEST_SCALE..=LARGEST_SCALE).contains(&scale) {
         said.push(format!(
-            "the cameras come out {scale:.2} times as far apart as the rig says: is --pitch the distance of the board's \
+            "the cameras come out {scale:.2} times as far apart as in the rig: is --pitch the distance of \
+             the board's \
              corners in mm?"
         ));
     }
     if found.rms_px > LARGEST_RMS_PX {
         said.push(format!(
-            "residuals of {:.2} px, at most {LARGEST_RMS_PX} are taken: hold the board still while all cameras see it, \
-             give pictures of one time one number, and do lenses before",
+            "residuals of {:.2} px, at most {LARGEST_RMS_PX} are accepted: hold the board still while all \
+             cameras see it, give pictures taken at one time the same number, and do lenses first",
             found.rms_px
         ));
     }
@@ -182,7 +186,7 @@ fn pictures(rig: &Rig, residuals: &[Residual], outcome: &mut Outcome) -> Result<
 /// The new rig, or the one that was there where the record says so.
 fn keep_or(rig: &Rig, new: Rig, outcome: &mut Outcome) -> Option<Rig> {
     if outcome.record.kept {
-        outcome.record.notes.push("the places that were there fit as well, and stay".into());
+        outcome.record.notes.push("the previous places fit as well and are kept".into());
         return Some(rig.clone());
     }
     Some(new)
@@ -196,7 +200,8 @@ fn waved(rig: &Rig, path: &Path) -> Result<Outcome> {
     let refined = |fields: &[BlobField]| {
         refine_stream(rig, fields, &BEFORE, MOST_INSTANTS, &mut |_, _| {}).map_err(|problem| {
             Refused(vec![format!(
-                "the stream does not place the cameras ({problem}): do poses from a board before, wave slowly, and keep \
+                "the stream does not determine where the cameras are ({problem}): do poses from a board \
+                 first, wave slowly, and keep \
                  instruments and eye in view of all cameras"
             )])
         })
@@ -217,7 +222,7 @@ fn waved(rig: &Rig, path: &Path) -> Result<Outcome> {
     told(&report, record);
     record.figure(
         "left of the blobs of the other half of the stream",
-        format!("{held_out}; with the rig that was there {before}"),
+        format!("{held_out}; with the previous rig {before}"),
     );
     record.advice.extend(stream.advice());
     pictures(rig, &found.residuals, &mut outcome)?;

@@ -87,7 +87,7 @@ impl Stream {
     /// What would make the stream a better one.
     pub fn advice(&self) -> Option<String> {
         let short = self.seconds < SHOULD_S;
-        short.then(|| format!("the stream lasts {:.0} s only: half a minute would tell more", self.seconds))
+        short.then(|| format!("the stream lasts {:.0} s only: half a minute would give more", self.seconds))
     }
 }
 
@@ -97,7 +97,8 @@ fn enough(rig: &Rig, seen: &[FrameObservations]) -> Result<(), Refused> {
     refuse(Vec::from_iter((found < FEWEST_INSTANTS).then(|| {
         format!(
             "bodies were seen well enough by two cameras at {found} instants, at least {FEWEST_INSTANTS} are needed: \
-             move slowly, keep instruments and eye in view of all cameras, and do colours and poses (from a board) before"
+             move slowly, keep instruments and eye in view of all cameras, and do colours and poses (from a \
+             board) first"
         )
     })))
 }

@@ -62,7 +62,7 @@ pub fn run(rig: &Rig, args: &TrocarsArgs) -> Result<Outcome> {
     record.advice.extend(stream.advice());
     match &centre {
         Ok((found, _)) => record.figure(
-            "the eye turns about a place this far from the world's origin",
+            "distance of the eye's centre of rotation from the world's origin",
             format!("{:.3} ± {:.3} mm", found.point.coords.norm(), found.sigma_mm.norm()),
         ),
         Err(problem) => {
@@ -82,9 +82,9 @@ pub fn run(rig: &Rig, args: &TrocarsArgs) -> Result<Outcome> {
         record.figure("left of all blobs, the origin moved there", format!("{moved}; before {before}"));
         if moved.left_px <= before.left_px {
             new = whole;
-            record.notes.push("the world's origin was moved to where the eye turns about".into());
+            record.notes.push("the world's origin was moved to the eye's centre of rotation".into());
         } else {
-            record.notes.push("the world's origin stays: moved, the blobs fit less well".into());
+            record.notes.push("the world's origin is kept: with it moved, the blobs fit worse".into());
         }
     }
     let sigmas = of_body.iter().filter_map(|s| of_shafts(s).ok());
@@ -162,12 +162,12 @@ fn keep_what_is_better(
         let [found, before] = [found, old.p_eye].map(|place| miss_mm(&rest, place));
         record.figure(
             format!("{}: distance of the other half's shafts from the trocar", old.body),
-            format!("{found:.4} mm; from the one that was there {before:.4} mm"),
+            format!("{found:.4} mm; from the previous trocar {before:.4} mm"),
         );
         if before < found {
             *now = old.clone();
             kept += 1;
-            record.notes.push(format!("{}: the trocar that was there fits as well, and stays", old.body));
+            record.notes.push(format!("{}: the previous trocar fits as well and is kept", old.body));
         }
     }
     kept > 0 && new.trocars == rig.trocars

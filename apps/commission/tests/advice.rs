@@ -1,4 +1,4 @@
-//! What is wrong with the input of a step is said in words, with what helps, and nothing is written then.
+//! Wrong input of a step is reported with its remedy, and nothing is written.
 
 #[allow(dead_code, reason = "the boards that it paints are for the other tests")]
 mod painted;
@@ -117,7 +117,7 @@ fn markers_of_two_colours_that_are_too_near_are_named() {
     };
     let args = ["colours", "--from", pictures.to_str().unwrap()];
     write_markers(&rig, &pictures, 100, orange(18.0));
-    refused(folder.path(), &args, 1, &["red", "yellow", "too near"]);
+    refused(folder.path(), &args, 1, &["red", "yellow", "too close"]);
     write_markers(&rig, &pictures, 100, |[y, _, _]| [y, 128, 128]);
     refused(folder.path(), &args, 1, &["red: no picture shows a marker of this colour", "with more light"]);
     write_markers(&rig, &pictures, 100, |[y, cb, cr]| [y.max(120), cb, cr]);

@@ -135,12 +135,12 @@ fn a_rig_is_found_again_from_what_its_cameras_see() {
         assert!(centre.iter().all(|v| v.abs() < 8.0), "{centre:?} px");
         assert_eq!(found.t, begin.cameras[found.id as usize].t, "places stay");
     }
-    refused(&[&[&*new], &from[..]].concat(), &["lenses was done already", "--force does it again"]);
+    refused(&[&[&*new], &from[..]].concat(), &["lenses was done already", "--force repeats it"]);
     // Who begins with the true rig has nothing to gain.
     std::fs::write(own.path("true.json"), truth.to_json()).unwrap();
     let [other, true_rig] = ["other", "true.json"].map(|name| own.path(name));
     let told = done(&[&[&*other, "--rig", &*true_rig], &from[..]].concat());
-    assert!(told.contains("the lens that was there fits as well, and stays"), "{told}");
+    assert!(told.contains("the previous lens fits as well and is kept"), "{told}");
 
     // Places, from boards that all see.
     let together_at = own.folder.path().join("together");
@@ -149,7 +149,7 @@ fn a_rig_is_found_again_from_what_its_cameras_see() {
     let poses =
         |pitch| [&*new, "poses", "--board", "9x6", "--pitch", pitch, "--from", together_at.to_str().unwrap()];
     let before_poses = std::fs::read(own.path("new/rig.json")).unwrap();
-    refused(&poses("5"), &["times as far apart as the rig says: is --pitch"]);
+    refused(&poses("5"), &["times as far apart as in the rig: is --pitch"]);
     exchange(&together_at);
     refused(&poses("2.5"), &["the pictures of cameras 0 and 1 seem to be exchanged"]);
     exchange(&together_at);
@@ -192,7 +192,7 @@ fn a_rig_is_found_again_from_what_its_cameras_see() {
     }
     let told = done(&[&new, "--force", "check", "--from", &wave]);
     assert!(told.contains("nothing is missing; the rig holds"), "{told}");
-    assert!(done(&[&new]).contains("all is done"), "all five steps");
+    assert!(done(&[&new]).contains("all steps are done"), "all five steps");
     let page = std::fs::read_to_string(own.path("new/report.html")).unwrap();
     assert!(
         page.matches("data:image/png;base64,").count() >= 3 + 3 + 3 + 4 && !page.contains("not done yet")

@@ -106,7 +106,7 @@ impl Condition {
         let before = self.present.take();
         let Some(trouble) = trouble else {
             let seconds = now.saturating_sub(before?.1) as f64 * 1e-9;
-            let text = format!("{} is all right again after {seconds:.1} s", self.name);
+            let text = format!("{} works again after {seconds:.1} s", self.name);
             return std::mem::take(&mut self.is_told).then_some(News { is_bad: false, text });
         };
         if before.as_ref().is_none_or(|(before, _)| before.kind != trouble.kind) {
@@ -164,14 +164,14 @@ mod tests {
     #[test]
     fn trouble_is_told_once_and_then_counted() {
         let mut pedal = Condition::new("the pedal");
-        let gone = || Some(Trouble::new(Kind::Gone, "is gone"));
+        let gone = || Some(Trouble::new(Kind::Gone, "is disconnected"));
         let told = |news: Option<News>| news.map(|n| n.text);
         assert_eq!(told(pedal.note(None, 0)), None);
-        assert_eq!(told(pedal.note(gone(), 5)).as_deref(), Some("the pedal is gone"));
+        assert_eq!(told(pedal.note(gone(), 5)).as_deref(), Some("the pedal is disconnected"));
         assert_eq!(told(pedal.note(gone(), 6)), None);
-        assert_eq!(pedal.sentence().as_deref(), Some("the pedal is gone"));
+        assert_eq!(pedal.sentence().as_deref(), Some("the pedal is disconnected"));
         let back = told(pedal.note(None, 5 + 5 * S / 2));
-        assert_eq!(back.as_deref(), Some("the pedal is all right again after 2.5 s"));
+        assert_eq!(back.as_deref(), Some("the pedal works again after 2.5 s"));
         assert_eq!((told(pedal.note(gone(), 7)), told(pedal.note(None, 8))), (None, None));
         assert_eq!(pedal.counts[&Kind::Gone], 2);
         let many =

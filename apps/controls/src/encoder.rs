@@ -52,7 +52,7 @@ pub enum Bad {
     #[error("COUNT: expected a whole number of 32 bits")]
     Count,
     /// The tool.
-    #[error("TOOL: expected 0 (not told) to 5")]
+    #[error("TOOL: expected 0 (unknown) to 5")]
     Tool,
 }
 
@@ -61,7 +61,7 @@ impl Bad {
     pub fn name(self) -> &'static str {
         match self {
             Bad::Checksum => "wrong checksum",
-            _ => "no line of a handle",
+            _ => "not a line from a handle",
         }
     }
 }

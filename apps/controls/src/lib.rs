@@ -3,7 +3,7 @@
 //!
 //! A pedal's events ([`events`]) or reports say where its axes and buttons stand ([`inputs`]), and a
 //! mapping what they mean ([`mapping`], [`learn`]). Handles send lines ([`encoder`]); the rig says how far
-//! their jaws open. What is wrong with a device is told in words and counted ([`condition`]). Only
+//! their jaws open. Problems of a device are reported in words and counted ([`condition`]). Only
 //! [`process`] and [`commands`] know the clock, the channels and the devices.
 
 pub mod commands;

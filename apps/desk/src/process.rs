@@ -165,7 +165,7 @@ impl DeskShell {
             if let Some(pad) = &mut self.gamepad
                 && let Err(gone) = pad.read(|input| done.push(input))
             {
-                tracing::warn!("{gone:#}; going on without it");
+                tracing::warn!("{gone:#}; continuing without it");
                 self.gamepad = None;
                 done.push(Input::LetGo);
             }

@@ -230,7 +230,7 @@ async fn at_speed(bench: &Bench<'_>, triples: &Triples, plan: &Plan) -> anyhow::
     let stream = Stream { triples: triples.clone(), warm_up: plan.warm_up, count, at_speed: true };
     let fast = bench.measure(stream).await?;
     if fast.fed.given_up > 0 {
-        warn(&format!("{} triples at speed were waited for in vain", fast.fed.given_up));
+        warn(&format!("the poses of {} triples at speed never arrived", fast.fed.given_up));
     }
     let rate_hz = (plan.warm_up + count) as f64 / fast.seconds;
     let tracking = Figures::of(&fast.read.tally.parts[TRACKING]);
@@ -246,7 +246,7 @@ fn verdict(report: &Report, assert: bool) -> ExitCode {
     }
     if assert && !goal.kept {
         let (found, allowed) = (goal.found_ms, goal.above_floor_ms);
-        warn(&format!("p{} is {found:.3} ms above the floor, allowed are {allowed}", goal.percentile));
+        warn(&format!("p{} is {found:.3} ms above the floor, at most {allowed} is allowed", goal.percentile));
         return ExitCode::from(BUDGET);
     }
     ExitCode::SUCCESS

@@ -88,7 +88,7 @@ pub fn run(args: &ConfigArgs, line: Command) -> anyhow::Result<ExitCode> {
             let path = own.context("no path for the settings file: give FILE or set HOME")?;
             Outputs::new(force.force).write(&path, template(&every_option(line)?))?;
             if path.as_os_str() != outputs::STDOUT {
-                inform(&format!("{}: take the # off a line to set it", path.display()));
+                inform(&format!("{}: remove the # from a line to set it", path.display()));
             }
         }
         None => show(args.json, line, &files)?,
@@ -212,8 +212,8 @@ fn table(settings: &[Setting]) -> String {
 /// A file that sets nothing and names everything.
 fn template(options: &[SettableOption]) -> String {
     let mut text =
-        "# Defaults of vitreo's options. Take the # off a line to set it; what is typed on a command line\n\
-                    # wins over this file, see docs/configuration.md. vitreo config shows what holds.\n"
+        "# Defaults of vitreo's options. Remove the # from a line to set it. Options on a command line take\n\
+                    # precedence over this file, see docs/configuration.md. vitreo config shows the values in effect.\n"
             .to_owned();
     let mut last = None;
     for option in options.iter().filter(|o| !o.hidden) {

@@ -73,7 +73,7 @@ async fn request(args: &CtlArgs) -> anyhow::Result<ExitCode> {
     requests.send(&Request { seq, argument: 0, target: LAUNCHER, command: args.what.command() as u32 })?;
     let answered = timeout(ANSWER, answer_to(seq, &mut answers)).await;
     let answer = answered
-        .with_context(|| format!("the simulator '{name}' gave no answer for {} s", ANSWER.as_secs()))??;
+        .with_context(|| format!("the simulator '{name}' has not answered for {} s", ANSWER.as_secs()))??;
     if answer.result != 0 {
         bail!("{}", answer.text());
     }

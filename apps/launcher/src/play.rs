@@ -92,9 +92,7 @@ pub fn run(args: &PlayArgs) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     if args.desk.inputs.is_none() && !has_display() {
-        bail!(
-            "no display: mouse and keyboard need the picture's window; without a display, use --inputs FILE"
-        );
+        bail!("no display: mouse and keyboard need the picture's window; use --inputs FILE instead");
     }
     if args.desk.inputs.is_none() {
         inform(

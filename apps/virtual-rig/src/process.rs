@@ -126,7 +126,7 @@ impl VirtualRigShell {
         if let Some((time_ns, standing)) = resumed {
             shell.go_on(time_ns, standing);
         } else if config.resume {
-            tracing::warn!("the script begins anew: its state was not kept");
+            tracing::warn!("the script starts over: its state was not saved");
         }
         shell.keep();
         Ok(shell)

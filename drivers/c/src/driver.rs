@@ -55,7 +55,7 @@ fn wait_for_run(instance: &str, roles: u32, wait_ns: u64) -> Result<(), Failure>
             Some(channels) => break channels,
             None if now() >= until => {
                 let start = format!("start it with: vitreo run --instance {instance} --external …");
-                return Err(failure(Code::NoRun, format!("no run '{instance}' is at work; {start}")));
+                return Err(failure(Code::NoRun, format!("no run '{instance}' is active; {start}")));
             }
             None => sleep_until((now() + LOOK_NS).min(until)),
         }
@@ -67,7 +67,7 @@ fn wait_for_run(instance: &str, roles: u32, wait_ns: u64) -> Result<(), Failure>
     }
     let refused = refused.join(",");
     let text =
-        format!("the run '{instance}' takes no {refused} from outside: start it with --external {refused}");
+        format!("the run '{instance}' accepts no external {refused}: start it with --external {refused}");
     Err(failure(Code::NotInvited, text))
 }
 
@@ -81,7 +81,7 @@ impl Driver {
     pub fn open(instance: &str, name: &str, roles: u32, wait_ns: u64) -> Result<Self, Failure> {
         roles::check(roles)?;
         if name.is_empty() || name.len() > MAX_NAME || name.contains(char::is_control) {
-            let text = format!("a driver's name has 1 to {MAX_NAME} bytes, found {name:?}");
+            let text = format!("expected a driver's name of 1 to {MAX_NAME} bytes, found {name:?}");
             return Err(failure(Code::Argument, text));
         }
         wait_for_run(instance, roles, wait_ns)?;
@@ -189,7 +189,7 @@ impl Driver {
         }
         header.validate()?;
         if self.lent.is_some() {
-            return Err(failure(Code::Loan, "a field is lent already: send it first"));
+            return Err(failure(Code::Loan, "a field is on loan already: send it first"));
         }
         let fields = match &mut self.fields {
             Some(fields) => fields,
@@ -208,7 +208,10 @@ impl Driver {
     /// Where none is lent, the run has ended, or the transport fails.
     pub fn send_field(&mut self) -> Result<(), Failure> {
         self.check()?;
-        let lent = self.lent.take().ok_or_else(|| failure(Code::Loan, "no field is lent"))?;
+        let lent = self
+            .lent
+            .take()
+            .ok_or_else(|| failure(Code::Loan, "no field is on loan: call vitreo_lend_field first"))?;
         if let Some(fields) = &mut self.fields {
             fields.send_loan(lent.loan, &lent.header)?;
         }

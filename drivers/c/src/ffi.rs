@@ -74,7 +74,12 @@ unsafe fn text_at<'a>(text: *const c_char, what: &str) -> Result<&'a str, Failur
 fn check_size<T>(size: usize) -> Result<(), Failure> {
     let (name, expected) =
         (std::any::type_name::<T>().rsplit("::").next().unwrap_or("block"), size_of::<T>());
-    let text = || format!("a {name} has {expected} bytes here and {size} in this program: compile it again");
+    let text = || {
+        format!(
+            "{name}: expected {expected} bytes, found {size}: recompile this program with the library's \
+             vitreo.h"
+        )
+    };
     if size == expected { Ok(()) } else { Err(failure(Code::Size, text())) }
 }
 
@@ -137,7 +142,8 @@ pub unsafe extern "C" fn vitreo_open(
             return Err(null("the place for the driver"));
         }
         if layout != LAYOUT {
-            let text = "this program was compiled with a vitreo.h of another version than this library: compile it again";
+            let text = "this program was compiled with a vitreo.h of another version: recompile it with \
+                that of this library";
             return Err(failure(Code::Header, format!("{text} (there {layout:016x}, here {LAYOUT:016x})")));
         }
         // SAFETY: by the contract of this function.

@@ -1,4 +1,4 @@
-//! The heart of a driver: a thread that tells the launcher that the driver lives, and takes its commands.
+//! The heart of a driver: a thread that sends the launcher heartbeats and receives its commands.
 //!
 //! It joins the run by itself, so that a driver that waits for its hardware lives on, and so that nothing of the
 //! transport is shared between threads.
@@ -20,7 +20,7 @@ const LOOK_NS: u64 = 500_000_000;
 /// Said of a run that ends in order.
 const ASKED: &str = "the run asks this program to end";
 
-/// What the heart tells of the driver, and what it has heard for it.
+/// What the heart reports about the driver, and what it has received for it.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Pulse {
     /// One of `STATE_…`.
@@ -67,7 +67,7 @@ impl Heart {
         lock(&self.pulse).stop
     }
 
-    /// Changes what is told.
+    /// Changes the reported state.
     pub(crate) fn tell(&self, change: impl FnOnce(&mut Pulse)) {
         change(&mut lock(&self.pulse));
     }
@@ -77,7 +77,7 @@ impl Drop for Heart {
     fn drop(&mut self) {
         self.tell(|pulse| pulse.closed = true);
         if let Some(thread) = self.thread.take() {
-            // It ends within a heartbeat; a panic in it has been told.
+            // It ends within a heartbeat; a panic in it has been logged.
             let _ = thread.join();
         }
     }

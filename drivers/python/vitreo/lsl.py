@@ -89,7 +89,7 @@ def main():
         prog="python -m vitreo.lsl", description="Hands poses and events on to the Lab Streaming Layer."
     )
     parser.add_argument("--instance", default="main", help="name of the simulator (vitreo run --instance); %(default)s")
-    parser.add_argument("--wait", type=float, default=30.0, metavar="S", help="wait for it so long, s; %(default)s")
+    parser.add_argument("--wait", type=float, default=30.0, metavar="S", help="longest wait for it, s; %(default)s")
     arguments = parser.parse_args()
     try:
         import pylsl

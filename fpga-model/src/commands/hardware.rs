@@ -80,7 +80,7 @@ fn text(limits: &Limits, resources: &[Resource], clocks: &Clocks) -> String {
     text += &format!("{:<64} {:>10}\n", "divider, two markers that touch, more", clocks.split);
     let [least, most] = clocks.latency;
     text += &format!(
-        "from a blob's last pixel to its leaving: {least} to {most} ({:.1} to {:.1} µs), and the divider's \
+        "from a blob's last pixel to its output: {least} to {most} ({:.1} to {:.1} µs), and the divider's \
          time for each blob that waits before it\n",
         us(least),
         us(most)

@@ -8,8 +8,8 @@ use protocol::file::MAX_SETTINGS_BYTES;
 use recording::{PixelsHead, PixelsReader};
 use std::path::Path;
 
-/// What is said of a recording whose end is missing.
-pub const CUT: &str = "ends in the middle, its writer was stopped or still writes";
+/// Warning for a recording whose end is missing.
+pub const CUT: &str = "is truncated: its writer was stopped or is still writing";
 
 /// One camera of a recording.
 pub struct Recorded {

@@ -110,9 +110,9 @@ impl Feed {
         if let Kind::Recorded(recorded) = &self.kind
             && recorded.is_cut()
         {
-            let last = recorded
-                .header
-                .map_or("it has none of its fields".into(), |h| format!("its last field is {}", h.field));
+            let last = recorded.header.map_or("it has no field of this camera".into(), |h| {
+                format!("its last field is {}", h.field)
+            });
             tracing::warn!("{}: {CUT}: camera {}: {last}", recorded.file(), recorded.camera());
         }
     }
@@ -196,8 +196,14 @@ impl Source {
             0 => vec![Feed::new(Kind::Stills(paths.iter().cloned().collect()), reading)],
             _ if what.contains(&What::Recording) => {
                 ensure!(paths.len() == 1, "expected one recording of pixels alone, which has all cameras");
-                ensure!(fields.is_none(), "--fields: a recording of pixels says itself which fields it has");
-                ensure!(reading.interlace.is_none(), "--interlaced: a recording of pixels has single fields");
+                ensure!(
+                    fields.is_none(),
+                    "--fields: a recording of pixels contains its own field numbers; omit --fields"
+                );
+                ensure!(
+                    reading.interlace.is_none(),
+                    "--interlaced: a recording of pixels has single fields; omit --interlaced"
+                );
                 recorded(&paths[0], reading)?
             }
             n if n < paths.len() => bail!("expected either still images or clips, found both"),

@@ -264,7 +264,7 @@ fn pipe(path: &Path) -> io::Result<File> {
             Err(Errno::NXIO) if Instant::now() < until => std::thread::sleep(READER_POLL),
             Err(Errno::NXIO) => {
                 let patience = READER_PATIENCE.as_secs();
-                return Err(io::Error::other(format!("a pipe that nobody has read for {patience} s")));
+                return Err(io::Error::other(format!("a pipe that no program has read for {patience} s")));
             }
             Err(other) => return Err(other.into()),
         }
@@ -283,7 +283,7 @@ mod tests {
         rustix::fs::mknodat(rustix::fs::CWD, &path, rustix::fs::FileType::Fifo, Mode::RUSR | Mode::WUSR, 0)
             .unwrap();
         let told = Outputs::new(false).write(&path, "x").unwrap_err().to_string();
-        assert!(told.contains("nobody has read"), "{told}");
+        assert!(told.contains("no program has read"), "{told}");
         let reader = std::thread::spawn({
             let path = path.clone();
             move || fs::read_to_string(path).unwrap()

@@ -63,7 +63,7 @@ impl Format {
         match end.as_str() {
             "png" => Ok(Format::Png),
             "svg" => Ok(Format::Svg),
-            _ => Err(WrongUse(format!("{}: a picture is a .png or a .svg", path.display()))),
+            _ => Err(WrongUse(format!("{}: expected a name that ends in .png or .svg", path.display()))),
         }
     }
 }

@@ -215,7 +215,7 @@ impl DataSection {
             return Ok(());
         }
         let problem =
-            format!("{count} messages of channel {channel} are indexed that no chunk before it holds");
+            format!("the index lists {count} messages of channel {channel} that no chunk before it holds");
         Err(self.damage(offset, problem))
     }
 
@@ -258,7 +258,7 @@ impl DataSection {
     fn end(&mut self, offset: u64, sum: u32) -> Result<(), RecordingError> {
         self.ended = true;
         if !self.damaged && !self.partial && sum != 0 && sum != self.records.crc.clone().finalize() {
-            let problem = "what stands before it does not match the file's checksum";
+            let problem = "the data before it do not match the file's checksum";
             self.problems.push_back(self.records.damaged(offset, problem));
         }
         if self.finished {
@@ -277,7 +277,7 @@ impl DataSection {
         let Some((covered, tail)) = sum_at.and_then(|at| summary.split_at_checked(at)) else { return Ok(()) };
         let sum = u32::from_le_bytes([tail[0], tail[1], tail[2], tail[3]]);
         if sum != 0 && sum != crc32fast::hash(covered) {
-            let problem = "the summary does not match its checksum (what it sums up may well)";
+            let problem = "the summary does not match its checksum (the data may be intact)";
             self.problems.push_back(self.records.damaged(offset, problem));
         } else if let Some(all) =
             messages_of(covered).filter(|all| self.damaged && !self.partial && *all > self.messages)

@@ -348,7 +348,7 @@ pub enum RecordingError {
         problem: std::io::Error,
     },
     /// Written, but the disk did not confirm it.
-    #[error("{file}: the disk did not confirm what was written, which a power failure may lose: {problem}")]
+    #[error("{file}: the disk did not confirm the data; a power failure may lose it: {problem}")]
     NotSafe {
         /// The file.
         file: String,
@@ -382,7 +382,7 @@ pub enum RecordingError {
     /// The file ends in the middle of a record, as after a crash; all before it is good.
     #[error(
         "{file}: ends in the middle of a record at byte {offset}; all before it is readable \
-         (vitreo recover makes a whole file of it)"
+         (vitreo recover repairs it)"
     )]
     Truncated {
         /// The file.
@@ -420,8 +420,8 @@ fn in_plain_words(file: &str, problem: &std::io::Error) -> String {
     match problem.kind() {
         ErrorKind::StorageFull => format!("the disk is full: {file}"),
         ErrorKind::QuotaExceeded => format!("the disk quota is used up: {file}"),
-        ErrorKind::ReadOnlyFilesystem => format!("the disk can only be read: {file}"),
-        ErrorKind::FileTooLarge => format!("the file cannot become larger here: {file}"),
+        ErrorKind::ReadOnlyFilesystem => format!("the disk is read-only: {file}"),
+        ErrorKind::FileTooLarge => format!("the file has reached the largest size allowed here: {file}"),
         _ => format!("{file}: {problem}"),
     }
 }

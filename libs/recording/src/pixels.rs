@@ -161,7 +161,7 @@ fn pairs(head: &PixelsHead) -> BTreeMap<String, String> {
 
 fn head_of(pairs: &BTreeMap<String, String>) -> Result<PixelsHead, String> {
     let of = |key: &str| pairs.get(key).ok_or_else(|| format!("its head has no {key:?}"));
-    let odd = |key: &str| format!("its head has an odd {key:?}");
+    let odd = |key: &str| format!("its head has an invalid {key:?}");
     let format = of("format")?;
     if format != FORMAT {
         return Err(format!("expected the format {FORMAT}, found {format:?}"));

@@ -85,7 +85,7 @@ impl Recording {
     /// As there, but for the checksum.
     pub fn open_in_doubt(path: &Path) -> Result<Self, RecordingError> {
         if path.as_os_str() == STDIN {
-            let problem = "it is read from several places: save it as a file first".into();
+            let problem = "it needs random access: save it as a file first".into();
             return Err(RecordingError::Foreign { file: "standard input".into(), problem });
         }
         if path.symlink_metadata().is_err() {

@@ -131,12 +131,13 @@ fn check_holders(
     let file = file.display();
     if let Some((other, id, _)) = holders.iter().find(|(holder, ..)| holder != trainee) {
         bail!(
-            "{file}: this recording is attempt {id} of {other}; vitreo results delete {other} --attempt {id} takes it from there"
+            "{file}: this recording is attempt {id} of {other}; vitreo results delete {other} --attempt \
+             {id} removes it there"
         );
     }
     let older = holders.iter().filter(|(.., version)| *version != attempt.score_version);
     let text = |version: &u32, id: &i64| {
-        format!("{file}: is attempt {id} of {trainee} by version {version} of the score, too")
+        format!("{file}: is also attempt {id} of {trainee}, by version {version} of the score")
     };
     Ok(older.map(|(_, id, version)| text(version, id)).collect())
 }
@@ -161,7 +162,7 @@ pub fn place(named: Option<&Path>) -> anyhow::Result<PathBuf> {
     let variable = |name: &str| std::env::var_os(name).map(PathBuf::from);
     let (data, home) = (variable("XDG_DATA_HOME"), variable("HOME"));
     let chosen = named.map(Into::into).or_else(|| default_place(data.as_deref(), home.as_deref()));
-    chosen.context("neither --store nor HOME says where the results store lies")
+    chosen.context("no path for the results store: give --store FILE or set HOME")
 }
 
 /// Opens a store, or makes one where `make` says so; with what that has changed. The default folder is

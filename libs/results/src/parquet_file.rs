@@ -81,7 +81,7 @@ fn cells<D: DataType, T, W: Write + Send>(
 ) -> Result<(), ParquetError> {
     let values: Vec<D::T> = cells.iter().flatten().map(value).collect();
     let there: Vec<i16> = cells.iter().map(|c| i16::from(c.is_some())).collect();
-    let lacking = || ParquetError::General("a column more than the schema has".into());
+    let lacking = || ParquetError::General("the table has more columns than its schema".into());
     let mut writer = group.next_column()?.ok_or_else(lacking)?;
     writer.typed::<D>().write_batch(&values, Some(&there), None)?;
     writer.close()

@@ -24,7 +24,7 @@ pub type Noted = (Table, BTreeMap<String, String>);
 pub fn read<R: ChunkReader + 'static>(from: R) -> Result<Noted, ParquetError> {
     // What a panic may leave half done goes with the reader.
     let read = quietly(|| catch_unwind(AssertUnwindSafe(|| read_undamaged(from))));
-    read.unwrap_or_else(|_| Err(ParquetError::General("its footer or a page makes no sense".into())))
+    read.unwrap_or_else(|_| Err(ParquetError::General("its footer or a page is invalid".into())))
 }
 
 thread_local! {
@@ -105,7 +105,7 @@ fn put(column: &mut Column, field: &Field) -> Result<(), ParquetError> {
 }
 
 fn strange(column: &str) -> ParquetError {
-    ParquetError::General(format!("column '{column}' is of a kind that no table of vitreo has"))
+    ParquetError::General(format!("column '{column}' has a type that vitreo's tables do not have"))
 }
 
 #[cfg(test)]

@@ -51,8 +51,7 @@ impl Rig {
         let RigCamera { width, height, .. } = *camera;
         if let Some([w, h]) = self.frame.filter(|frame| *frame != [width, height]) {
             let found = format!("{width} × {height}, where frame says {w} × {h}");
-            let expected =
-                "the size of frame, which is that of all cameras; leave frame away where they differ";
+            let expected = "the size of frame, which is that of all cameras; omit frame where they differ";
             return Some((format!("cameras[{i}].width, height"), expected, found));
         }
         let fits = [width, height].iter().zip(SIZES_PX).all(|(n, [least, most])| (least..=most).contains(n));

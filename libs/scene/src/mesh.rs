@@ -67,7 +67,7 @@ impl MeshScene {
     /// What is wrong in an eye of this radius.
     pub(super) fn defect(&self, retina_radius_mm: f64) -> Option<Defect> {
         if let Some(obj) = &self.obj {
-            let expected = "a scene that is loaded from a file, which the mesh lies beside";
+            let expected = "a scene that is loaded from a file in the mesh's folder";
             return refuse("membrane.mesh.obj", expected, obj);
         }
         let nodes = self.positions_mm.len();

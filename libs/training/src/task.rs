@@ -117,7 +117,7 @@ impl TaskState {
         if self.begun_ns == 0 { 0.0 } else { self.last_ns.saturating_sub(self.begun_ns) as f64 * 1e-9 }
     }
 
-    /// A pause, or another gap so long that the simulation stood still: no clock of the attempt
+    /// A pause, or another gap long enough that the simulation stood still: no clock of the attempt
     /// runs in it.
     fn skip_gap(&mut self, gap_ns: u64) {
         let clocks = self.out_since_ns.iter_mut().chain(&mut self.lens_since_ns).chain([&mut self.begun_ns]);

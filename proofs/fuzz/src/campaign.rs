@@ -9,7 +9,7 @@ use std::io::{BufRead, BufReader, IsTerminal, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// Before the lines in which a process tells how far it is.
+/// Prefix of the lines in which a process reports its progress.
 pub const TELLS: &str = "outcome ";
 
 /// What came of a target, and how its process ended where that was not in order.

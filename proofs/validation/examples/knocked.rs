@@ -39,7 +39,7 @@ struct Args {
     /// By how much pictures move, px.
     #[arg(long, value_delimiter = ',', default_value = "0.3,0.5,1,3,10")]
     px: Vec<f64>,
-    /// Say of every stream what the tracker told.
+    /// Print for every stream what the tracker reported.
     #[arg(long)]
     each: bool,
 }

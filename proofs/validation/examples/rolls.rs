@@ -1,5 +1,5 @@
 //! `rolls [--pixels] [--rate RAD_S] [--tip X Y Z]`: an instrument is rolled from −180° to 180° and
-//! back, as fast as told in the middle of the way, before the virtual cameras, its tip resting at a
+//! back, at the given speed in the middle of the way, before the virtual cameras, its tip resting at a
 //! place of the eye (mm). Told by roll: blobs a frame, cameras that see the marker beside the
 //! shaft, frames in which the roll was not measured, error of the roll and what the tracker thinks
 //! of it.

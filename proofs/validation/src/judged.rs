@@ -44,12 +44,12 @@ impl Said {
         self.judgement.verdict == Verdict::Explained && !self.right && self.judgement.explanations.len() == 1
     }
 
-    /// Something is wrong, and the rig is said to hold.
+    /// Something is wrong, and the verdict is that the rig holds.
     pub fn holds_wrongly(&self) -> bool {
         self.defect != Defect::None && self.drift_holds
     }
 
-    /// Nothing is wrong, and something is said to be.
+    /// Nothing is wrong, and the verdict is that something is.
     pub fn is_false_alarm(&self) -> bool {
         self.defect == Defect::None && !self.drift_holds
     }
@@ -67,7 +67,7 @@ pub fn draw(seed: u64, whole: bool, intact: bool) -> (Defect, Planted) {
     (defect, plant_on(rig, defect, scenario, seed, SECONDS, 0.0))
 }
 
-/// Everything that is said of the stream of a seed.
+/// All verdicts on the stream of a seed.
 pub fn said(seed: u64, whole: bool, intact: bool) -> Said {
     let (defect, planted) = draw(seed, whole, intact);
     let Planted { rig, fields, truth, .. } = planted;

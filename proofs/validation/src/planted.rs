@@ -1,4 +1,4 @@
-//! Streams with a planted defect, to be found by `calibration::causes`: the rig that is told stays right in its
+//! Streams with a planted defect, to be found by `calibration::causes`: the rig that is given stays right in its
 //! own view, and the truth is known.
 
 use crate::streams::{Knock, Recipe, Scenario, rig_at};
@@ -45,7 +45,7 @@ impl Defect {
 
 /// A stream as a recorder has it.
 pub struct Planted {
-    /// The rig that is told.
+    /// The rig that is given.
     pub rig: Rig,
     /// What the recorder has, in the order of arrival.
     pub fields: Vec<BlobField>,

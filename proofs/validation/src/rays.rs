@@ -189,7 +189,7 @@ fn meet(corners: [Steps; 3], resolution: usize, mut met: impl FnMut(usize, i128)
 /// Colliding pixels: triangle seen there and length of its vector, steps.
 pub type Collisions = BTreeMap<u32, (u32, i32)>;
 
-/// All that a look should tell.
+/// All that a look should report.
 #[allow(dead_code)] // The example compares vectors only.
 #[derive(Debug, Default, PartialEq)]
 pub struct Truth {

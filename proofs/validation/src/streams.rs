@@ -14,7 +14,7 @@
 //! A stream can be drawn so that its motion is periodic ([`Recipe::draw_periodic`]); repeated, it lasts as
 //! long as a session ([`lasting`]).
 //!
-//! A camera can be [`Knock`]ed at any instant; the rig that is told stays as it was.
+//! A camera can be [`Knock`]ed at any instant; the rig that is given stays as it was.
 
 pub mod bound;
 mod imaging;
@@ -71,7 +71,7 @@ impl Scenario {
     }
 }
 
-/// How a camera moves against the rig that is told.
+/// How a camera moves against the rig that is given.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Knock {
     /// Id of the camera.
@@ -119,7 +119,7 @@ pub struct Recipe {
     pub knocks: Vec<Knock>,
 }
 
-/// A stream, its truth, and the rig as it is told.
+/// A stream, its truth, and the rig that is given.
 pub struct Stream {
     /// The rig; moved cameras stand where they stood.
     pub rig: Rig,
@@ -139,8 +139,8 @@ struct Sighting {
     markers: [u32; BODIES],
 }
 
-/// Fields whose exposures lie a period of the slowest camera and so long before an instant, or so long after it, count as of that
-/// instant, s.
+/// Margin about an instant, s: fields count as of it if their exposures lie at most a period of the slowest camera and
+/// this margin before it, or this margin after it.
 const SEEN_WITHIN_S: f64 = 0.0005;
 
 impl Stream {

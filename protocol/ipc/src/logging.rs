@@ -42,7 +42,7 @@ const LEVELS: [LevelFilter; 6] = [
     LevelFilter::DEBUG,
     LevelFilter::TRACE,
 ];
-/// Which of [`LEVELS`] holds where nothing is said: warn.
+/// Index of the default level in [`LEVELS`]: warn.
 const DEFAULT_LEVEL: u8 = 2;
 
 /// Options of logging, taken by every program.

@@ -1,4 +1,4 @@
-//! What a run tells programs of other makers: that it runs, and what it takes from outside.
+//! What a run announces to external programs: that it runs, and what it accepts from outside.
 //!
 //! The launcher names the channels in a file of the instance's directory once its own processes are at work. A
 //! program that comes earlier waits for the file; where a launcher was killed it lies there without an owner and

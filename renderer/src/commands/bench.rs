@@ -159,7 +159,7 @@ pub fn render(args: &RenderArgs) -> Result<()> {
     if !args.json {
         let layer = if bench.gpu.is_software { "processor time" } else { "wall time" };
         println!(
-            "{name}; scene {}; ms of a stereo frame, medians; of a layer: {layer} that leaving it out saves",
+            "{name}; scene {}; ms of a stereo frame, medians; of a layer: {layer} saved by leaving it out",
             args.subject
         );
         print!("tier  picture      shading   wall  processor");
@@ -169,7 +169,7 @@ pub fn render(args: &RenderArgs) -> Result<()> {
     let wanted = |index: usize| args.tier.is_none_or(|only| only as usize == index);
     for (index, tier) in TIERS.iter().enumerate().filter(|(index, _)| wanted(*index)) {
         if let Err(why) = bench.gpu.check_tier(index) {
-            eprintln!("tier {index} is left out: {why}");
+            eprintln!("tier {index} is skipped: {why}");
             continue;
         }
         let row = bench.row(index)?;

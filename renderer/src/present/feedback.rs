@@ -1,6 +1,6 @@
 //! What the display server says afterwards of a picture: when it was shown.
 //!
-//! wgpu presents and tells nothing about it afterwards, so the display server is asked beside it: with Wayland's
+//! wgpu presents and reports nothing afterwards, so the display server is asked as well: with Wayland's
 //! *presentation-time* on the connection of the window, with X11's extension *Present* on a connection of its own.
 //! Answers come later, some not at all: a driver that copies pictures to an X server by other means presents nothing.
 
@@ -31,7 +31,7 @@ pub enum Feedback {
 }
 
 impl Feedback {
-    /// For a window. What the display server lacks is said in the log.
+    /// For a window. What the display server lacks is logged.
     pub fn open(window: &winit::window::Window) -> Self {
         let (Ok(display), Ok(handle)) = (window.display_handle(), window.window_handle()) else {
             return Feedback::None;
@@ -47,10 +47,10 @@ impl Feedback {
             (_, RawWindowHandle::Xcb(window)) => {
                 x11::Present::open(window.window.get()).map(Box::new).map(Feedback::X11)
             }
-            _ => Err("this window system is not known".into()),
+            _ => Err("unknown window system".into()),
         };
         opened.unwrap_or_else(|problem| {
-            tracing::info!("the display does not say when it shows a picture ({problem}): it is estimated");
+            tracing::info!("the display does not report presentation times ({problem}): they are estimated");
             Feedback::None
         })
     }

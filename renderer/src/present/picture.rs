@@ -130,7 +130,7 @@ impl PictureWindow {
         [size.width, size.height]
     }
 
-    /// Waits for something to happen, for at most so long, and hands on what did.
+    /// Waits for events, up to a time limit, and passes them on.
     pub fn wait(&mut self, at_most: Duration) -> Vec<Event> {
         let status = self.events.pump_app_events(Some(at_most), &mut self.state);
         if matches!(status, PumpStatus::Exit(_)) {

@@ -50,7 +50,7 @@ impl Canvas {
         self.drawn.clear();
     }
 
-    /// Shows `layout`, which was made for this size; what changes is told to `changed`.
+    /// Shows `layout`, which was made for this size; `changed` receives what changes.
     pub fn show(&mut self, face: &mut Face, layout: Layout, mut changed: impl FnMut(&[u8], Rect)) {
         let before = std::mem::take(&mut self.drawn);
         for block in before.iter().filter(|b| !layout.blocks.contains(b)) {

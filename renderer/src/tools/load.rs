@@ -78,11 +78,11 @@ pub fn load(tool: Tool, file: &str, bytes: &[u8]) -> Result<Model, ModelError> {
 
 /// The file's parsed and validated contents.
 fn parse(bytes: &[u8]) -> Result<Gltf, String> {
-    let no_file = |e: gltf::Error| format!("no glTF file: {e}");
+    let no_file = |e: gltf::Error| format!("not a glTF file: {e}");
     // The library takes the header's length off the file's without a look at it.
     let length = bytes.get(8..12).and_then(|b| Some(u32::from_le_bytes(b.try_into().ok()?)));
     if bytes.starts_with(b"glTF") && length.is_none_or(|length| length < 12) {
-        return Err("no glTF file: its header is cut or tells a length that is too short".into());
+        return Err("not a glTF file: its header is truncated or its length too short".into());
     }
     let Gltf { document, blob } = Gltf::from_slice_without_validation(bytes).map_err(no_file)?;
     let root = document.into_json();
@@ -90,7 +90,9 @@ fn parse(bytes: &[u8]) -> Result<Gltf, String> {
     let known = |accessor: &gltf::json::Index<gltf::json::Accessor>| accessor.value() < root.accessors.len();
     let mut primitives = root.meshes.iter().flat_map(|mesh| &mesh.primitives);
     if !primitives.all(|p| p.attributes.values().all(known)) {
-        return Err("no glTF file: an attribute of a mesh names an accessor that is not there".into());
+        return Err(
+            "not a valid glTF file: an attribute of a mesh names an accessor that is not there".into()
+        );
     }
     let document = gltf::Document::from_json(root).map_err(no_file)?;
     Ok(Gltf { document, blob })
@@ -156,7 +158,9 @@ fn add(part: &mut Part, primitive: &Primitive<'_>, buffer: &[u8], side: f32) -> 
     for (i, (p, n)) in positions.iter().zip(&normals).enumerate() {
         let (position, normal) = (part.at + Vec3::from(*p), Vec3::from(*n));
         if !position.is_finite() || (normal.length() - 1.0).abs() > UNIT || normal.is_nan() {
-            return Err(format!("vertex {i}: expected a finite place and a unit normal, found {p:?}, {n:?}"));
+            return Err(format!(
+                "vertex {i}: expected a finite position and a unit normal, found {p:?}, {n:?}"
+            ));
         }
         let (position, normal) = (position.to_array(), normal.normalize().to_array());
         part.vertices.push(MetalVertex { position, normal, part: side, material });
@@ -169,7 +173,7 @@ fn add(part: &mut Part, primitive: &Primitive<'_>, buffer: &[u8], side: f32) -> 
 }
 
 fn inside(accessor: &gltf::Accessor<'_>, buffer: &[u8]) -> Result<(), String> {
-    let view = accessor.view().ok_or("sparse data is not read")?;
+    let view = accessor.view().ok_or("sparse data is not supported")?;
     let stride = view.stride().unwrap_or(accessor.size());
     let needs =
         accessor.count().checked_sub(1).and_then(|n| n.checked_mul(stride)?.checked_add(accessor.size()));

@@ -1,7 +1,7 @@
 //! Edges of shafts where a pixel has one sample: they follow their line within a fraction of a pixel.
 //! Without smoothing an edge steps by whole pixels, 0.29 px of the line on average (the root of 1/12).
 //!
-//! What the shaft covers of a pixel is told by two pictures before different marks: what is seen of the
+//! The share of a pixel that the shaft covers follows from two pictures before different marks: what is seen of the
 //! marks beside the shaft differs between them, the shaft does not.
 
 use crate::geometry::project;
@@ -13,7 +13,7 @@ use renderer::governor::{Shading, TIERS};
 use renderer::readback::Picture;
 use renderer::reference_scene::{Contents, SceneBlock, scene_with};
 
-/// Difference of the marks in the pictures from which an edge is told, of 3 · 255.
+/// Difference of the marks in the pictures from which an edge is detected, of 3 · 255.
 const CONTRAST: f64 = 60.0;
 /// Farthest that an edge wanders from its line, root of the mean square, px; and on average.
 const WANDERS_PX: f64 = 0.08;
@@ -37,7 +37,7 @@ fn along(pose: &Pose) -> DVec3 {
 }
 
 /// How far edges of the shaft at `pose` are from where they are expected in channel 0, px, at every
-/// column in which they can be told: `side` 1 below, −1 above.
+/// column in which they can be detected: `side` 1 below, −1 above.
 fn deviations(stage: &Stage, pictures: &[Picture; 2], pose: &Pose, side: f64) -> Vec<f64> {
     let (tip, along) = (DVec3::from(pose.position_mm), along(pose));
     let at = |mm: f64| project(stage, &pictures[0], 0, tip + along * mm);

@@ -85,7 +85,7 @@ fn measured(stage: &Stage, [with, without]: &[Picture; 2], side: f64) -> Vec<[f6
             };
             let profile: Vec<_> = (-(reach as i32)..=reach as i32).map(|d| share(f64::from(d))).collect();
             let dark = profile.iter().map(|p| p.1).fold(f64::MAX, f64::min);
-            // In the soft edge of the beam there is too little light to tell an edge by.
+            // In the soft edge of the beam there is too little light to detect an edge.
             if dark > DARK {
                 continue;
             }

@@ -31,7 +31,7 @@ impl Backend {
     }
 }
 
-/// What was chosen, and why; told in one line of the log.
+/// What was chosen, and why; one line of the log.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BackendChoice {
     /// An adapter looks.
@@ -118,14 +118,19 @@ pub fn choose_backend(
 ) -> BackendChoice {
     let begun = clock();
     let us = |ns: u64| ns as f64 * 1e-3;
-    let mut choice =
-        BackendChoice { on_gpu: false, cpu_us: None, gpu_us: None, reason: "as wanted".into(), took_ms: 0.0 };
+    let mut choice = BackendChoice {
+        on_gpu: false,
+        cpu_us: None,
+        gpu_us: None,
+        reason: "as requested".into(),
+        took_ms: 0.0,
+    };
     let pose = pressing_pose(surface).filter(|_| wanted != Backend::Cpu);
     if let Some(pose) = pose {
         let cpu_ns = median_query_ns(zcoll, image, &pose, surface, clock);
         choice.cpu_us = Some(us(cpu_ns));
         if wanted == Backend::Auto && cpu_ns < ROUND_TRIP_NS {
-            choice.reason = "no adapter answers sooner".into();
+            choice.reason = "no adapter is faster".into();
         } else {
             match open(zcoll, surface) {
                 Ok(name) => {

@@ -36,7 +36,7 @@ impl MovingPoint {
 /// Rounding of a difference, as a share of the largest coordinate: fewer than 40 operations of 2⁻⁵³
 /// on values up to three times as large.
 const ROUNDING: f64 = 1.0 / (1u64 << 45) as f64;
-/// More boxes than this are not looked at: the features stay so near for so long that it counts as
+/// More boxes than this are not looked at: the features stay near for long enough that it counts as
 /// contact.
 const MAX_BOXES: usize = 200_000;
 

@@ -112,7 +112,7 @@ impl PortCamera {
         self
     }
 
-    /// Looks out of the port. Afterwards [`Self::triangles`] and [`Self::pixels_seen`] tell what
+    /// Looks out of the port. Afterwards [`Self::triangles`] and [`Self::pixels_seen`] hold what
     /// lies in the cone.
     pub fn render(
         &mut self,

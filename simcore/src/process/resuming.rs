@@ -42,7 +42,7 @@ impl SimcoreShell {
                 Ok(Some(entry)) => past.note(entry),
                 Ok(None) => break,
                 Err(error) => {
-                    tracing::warn!("--resume: {error}; going on with what comes before");
+                    tracing::warn!("--resume: {error}; continuing with what precedes it");
                     break;
                 }
             }

@@ -224,9 +224,7 @@ impl World {
         match (&self.retina, &state.retina) {
             (None, None) => Ok(()),
             (Some(model), Some(retina)) => model.check(retina).map_err(refuse("retina")),
-            _ => {
-                Err(CheckpointError::Content("the scene has a retina and the state has none, or the reverse"))
-            }
+            _ => Err(CheckpointError::Content("only one of scene and state has a retina")),
         }
     }
 

@@ -104,7 +104,7 @@ impl World {
         match (&self.vitreous, &state.vitreous) {
             (Some(gel), Some(state)) => state::check(gel.lattice(), state).map_err(CheckpointError::Content),
             (None, None) => Ok(()),
-            _ => Err(CheckpointError::Content("a vitreous where the scene has none, or the reverse")),
+            _ => Err(CheckpointError::Content("only one of scene and state has a vitreous")),
         }
     }
 

@@ -26,7 +26,7 @@ pub const TINY_LENGTH2_MM2: f32 = 1e-12;
 /// through the membrane: the instrument came round an edge and is under it. Larger than what the
 /// membrane itself moves in a substep; much larger would push what lies over the shaft.
 pub const UNDER_MARGIN_MM: f64 = 0.25;
-/// Up to so long a way in a step, mm, the collision volume cannot miss the membrane that the tip
+/// Longest travel per step, mm, at which the collision volume cannot miss the membrane that the tip
 /// crosses, and the tip's path is not tested beside it: less than the volume's depth behind the
 /// tip.
 pub const CHECKED_WAY_MM: f64 = 1.0;

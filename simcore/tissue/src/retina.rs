@@ -184,7 +184,7 @@ impl Retina {
         if blebs.label == state.bleb_of && blebs.count() == state.blebs.len() {
             Ok(())
         } else {
-            Err("its blebs are not those of what is loose")
+            Err("its blebs do not match the detached area")
         }
     }
 

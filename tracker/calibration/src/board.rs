@@ -36,7 +36,7 @@ pub enum BoardError {
     #[error("no {0} found")]
     Nothing(&'static str),
     /// Some of the points hang together, but not all that there should be.
-    #[error("expected a grid of {columns}×{rows} points, found {found} that hang together")]
+    #[error("expected a grid of {columns}×{rows} points, found {found} that are connected")]
     Incomplete {
         /// Of the board.
         columns: usize,
@@ -47,7 +47,8 @@ pub enum BoardError {
     },
     /// Corners, but no markers that say which.
     #[error(
-        "found {corners} corners, but no two markers of the board that say which they are: check --charuco (and --legacy)"
+        "found {corners} corners, but fewer than two markers of the board, which identify them: check \
+         --charuco (and --legacy)"
     )]
     Unnamed {
         /// Corners of any board.

@@ -1,7 +1,7 @@
 //! ChArUco boards: chessboards with a marker in every white square, so that each corner that is seen has a name and
 //! parts of a board are as good as whole ones.
 //!
-//! The corners are those of a chessboard ([`crate::corners`]); edges between them tell which hang together
+//! The corners are those of a chessboard ([`crate::corners`]); edges between them show which are connected
 //! ([`lattice`]), the markers between them which part of the board it is ([`markers`], [`naming`]). Layout and markers
 //! are those of OpenCV's `CharucoBoard`.
 

@@ -1,7 +1,7 @@
 //! Corners of a chessboard: points where two dark and two bright fields meet.
 //!
 //! There the picture is a saddle: the determinant of its second derivatives is negative and large.
-//! A ring around the point tells a chessboard's corner from other saddles: along it the brightness
+//! A ring around the point distinguishes a chessboard's corner from other saddles: along it the brightness
 //! changes side four times, and opposite sides are alike. The exact place is where all slopes
 //! around point past it: Σ ∇I ∇Iᵀ (q − p) = 0 over a window (Förstner & Gülch 1987).
 

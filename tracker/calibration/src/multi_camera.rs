@@ -46,7 +46,7 @@ pub fn calibrate_cameras(
             _ => {
                 let all = FreeParameters { lens: free, place: false };
                 let found = calibrate_lens(c as u32, size, &own, all, robustness, progress)?;
-                // What a camera's own views leave open, those that it shares do not tell either.
+                // What a camera's own views leave open, those that it shares do not determine either.
                 for &(_, term) in &found.left_out {
                     lens[c][term] = false;
                     left_out.push((c, term));

@@ -6,7 +6,7 @@
 //! | JSON | `[{"x":…,"y":…,"X":…,"Y":…,"Z":…,"view":…}, …]` |
 //! | columns | `x y X Y Z`, separated by blanks, no header (as MyPTV writes its `cal_points`) |
 //!
-//! Points of one view (any text; the same for all where it is not told) lie on one target in one
+//! Points of one view (any text; the same for all where it is not given) lie on one target in one
 //! place.
 
 use crate::target_problem::Correspondence;
@@ -19,7 +19,7 @@ use std::path::Path;
 /// Points of one view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
-    /// Its name; empty where the list tells none.
+    /// Its name; empty where the list has none.
     pub name: String,
     /// In the order of the list.
     pub samples: Vec<Correspondence>,

@@ -22,9 +22,9 @@ use tracker::rig_model::RigModel;
 const STEPS: i32 = 5;
 /// Turns about the shaft that are tried at a place.
 const ROLLS: usize = 6;
-/// A camera that sees a smaller share of the workspace is told.
+/// A camera that sees a smaller share of the workspace is reported.
 const ENOUGH_SEEN: f64 = 0.8;
-/// A share of places that fewer than two cameras see, or where the tip is worse than it should be, that is told.
+/// A share of places that fewer than two cameras see, or where the tip is worse than it should be, that is reported.
 const TOLD: f64 = 0.01;
 /// How well a tip should be known, µm (standard deviation along the worst direction).
 const SHOULD_UM: f64 = 25.0;
@@ -127,7 +127,7 @@ impl<'a> Viewer<'a> {
         Isometry3::from_parts(Translation3::from(tip.coords), UnitQuaternion::from_rotation_matrix(&rotation))
     }
 
-    /// How many markers a camera sees, and what they tell about the pose.
+    /// How many markers a camera sees, and what they determine of the pose.
     fn seen(&self, instrument: usize, pose: &PoseMatrix, camera: &Camera) -> (usize, Matrix6<f64>) {
         let (mut count, mut information) = (0, Matrix6::zeros());
         for marker in &self.model.bodies[instrument].markers {

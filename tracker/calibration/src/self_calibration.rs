@@ -227,7 +227,8 @@ pub fn every_camera_saw(rig: &Rig, residuals: &[Residual]) -> Result<(), Calibra
     let blind = (0..rig.cameras.len()).find(|&c| residuals.iter().all(|r| r.camera != c));
     blind.map_or(Ok(()), |c| {
         let problem = format!(
-            "camera {} saw none of the bodies where the rig expects them: it was moved too far, or is blind",
+            "camera {} saw none of the bodies where the rig expects them: it was moved too far, or sees \
+             nothing",
             rig.cameras[c].id
         );
         Err(degenerate(problem))

@@ -227,7 +227,7 @@ pub struct Calibrated {
 }
 
 /// Values of the lens that are held at zero, in this order, where the data do not determine them: the highest power
-/// first, of which a part of the picture tells least.
+/// first, which a part of the picture determines least.
 const DISPENSABLE: [usize; 5] = [8, 5, 7, 6, 4];
 
 /// Solves with the values of the lens in `free`, and with fewer as long as the data do not determine them; returns those
@@ -312,7 +312,7 @@ pub fn calibrate(
 }
 
 fn summary(problem: &TargetProblem<'_>, solution: Solution<Scene>) -> Calibrated {
-    // χ² per degree of freedom tells how much larger the noise is than assumed.
+    // χ² per degree of freedom is how much larger the noise is than assumed.
     let noise = (solution.cost / solution.freedom.max(1) as f64).sqrt();
     let mut sigmas = vec![[0.0; LENS + EXTRINSICS]; solution.state.cameras.len()];
     for (at, (camera, value)) in shared_unknowns(&problem.free).into_iter().enumerate() {

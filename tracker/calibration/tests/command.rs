@@ -137,7 +137,7 @@ fn bad_input_is_refused_in_words() {
             1,
             "(plane.txt): 8 of 20 points lie outside of the 100×80 px of --size",
         ),
-        (format!("intrinsics --charuco 7x5 {left}"), 1, "no two markers of the board"),
+        (format!("intrinsics --charuco 7x5 {left}"), 1, "fewer than two markers of the board"),
         (format!("intrinsics --charuco 7x5,0 {left}"), 2, "square: expected mm above 0"),
         (format!("intrinsics --charuco 7x5 --board 9x6 {left}"), 2, "cannot be used with"),
         (format!("intrinsics --legacy --board 9x6 {left}"), 2, "cannot be used with"),

@@ -1,6 +1,6 @@
 //! Frames that should have been: one in every field period in which the cameras exposed. Pure.
 //!
-//! The cameras' numbers and the time between exposures together tell what is missing. A jump of both was
+//! The cameras' numbers and the time between exposures together show what is missing. A jump of both was
 //! published by nobody; in a pause the time alone goes on, and after a restart the numbers may begin anew.
 
 use protocol::blobs::BlobField;

@@ -175,7 +175,7 @@ impl Tracking {
         self.summary.note_frame(frame);
         self.total.note(frame);
         self.period.note(frame);
-        // One that was back before the period was over is told too.
+        // One that was back before the period was over is reported too.
         self.left_out |= frame.cameras_left_out;
         self.estimated = frame.cameras_estimated;
         let exposed = frame.instants.exposed;
@@ -284,8 +284,10 @@ impl Tracking {
                 let what = format!("bad calibration of camera {id}: it is left out");
                 found.push(finding(id, what, MOVED, FASTEN));
             } else if is_in(self.estimated) {
-                let what =
-                    format!("camera {id} is used where the others see it, not where the rig file has it");
+                let what = format!(
+                    "camera {id} is used at a place estimated from the others, not at its place in the rig \
+                     file"
+                );
                 let subject = format!("place of camera {id}");
                 found.push(Finding { subject, ..finding(id, what, MOVED, RECALIBRATE) });
             } else if let Some(d) = self.dissenter.filter(|d| d.camera == id) {
@@ -303,7 +305,7 @@ impl Tracking {
                 let dark = finding(id, format!("camera {id} sees no markers"), DARK, CHECK_LENS);
                 found.push(Finding { subject, ..dark });
             } else if own < UNUSED_SHARE && best > 2.0 * UNUSED_SHARE {
-                let what = format!("only {:.0} % of what camera {id} sees is of use", 100.0 * own);
+                let what = format!("only {:.0} % of the blobs of camera {id} fit", 100.0 * own);
                 found.push(finding(id, what, MOVED, RECALIBRATE));
             }
         }
@@ -320,7 +322,7 @@ impl Tracking {
         } else if share < POOR_SHARE && self.total.frames >= NEVER_FRAMES {
             format!("{name} was tracked in {:.0} % of the last second", 100.0 * share)
         } else if residual_px > RESIDUAL_PX {
-            format!("{name} leaves {residual_px:.2} px in the pictures, more than noise")
+            format!("the residuals of {name} are {residual_px:.2} px, above the noise")
         } else {
             return;
         };
@@ -348,20 +350,19 @@ pub fn untracked(body: &str, share: f64, asserted: f64) -> String {
 const MOVED: &str = "it was moved or refocused, or the rig file is of other cameras";
 const RECALIBRATE: &str =
     "record while both instruments are waved, then: vitreo calibrate waved RECORDING.mcap -o new-rig.json";
-const FASTEN: &str = "fasten it; it is placed anew from the others within seconds, then calibrate anew";
+const FASTEN: &str = "fasten it; its place is estimated from the others within seconds; then calibrate again";
 /// With these begin the subjects of what a camera's driver may know better: nothing comes, nothing is seen.
 const FIELDS_OF: &str = "fields of ";
 const PICTURE_OF: &str = "picture of ";
 const SILENT: &str = "it is switched off or unplugged, or its driver has ended";
 const CHECK_CABLE: &str = "check power and cable; vitreo doctor lists the cameras";
 const DARK: &str = "its lens is covered, its picture too dark, or the colours are not those of the markers";
-const CHECK_LENS: &str =
-    "look at its picture; vitreo blobs PICTURE --overlay o.png shows what is found in it";
+const CHECK_LENS: &str = "check its picture: vitreo blobs PICTURE --overlay o.png shows what is found in it";
 const HIDDEN: &str =
     "its markers are hidden or out of view, or their colours or places are not those of the rig file";
 const CHECK_MARKERS: &str =
-    "hold it into the view of two cameras or more; compare its markers with --rig RIG.json";
-const OTHER_RIG: &str = "the cameras or its markers are not as the rig file says";
+    "hold it in the view of two or more cameras; compare its markers with --rig RIG.json";
+const OTHER_RIG: &str = "the cameras or its markers are not as in the rig file";
 
 impl Counts {
     fn note(&mut self, frame: &TrackerFrame) {
@@ -454,7 +455,7 @@ mod tests {
                 tracking.note_frame(&frame);
             }
             let found = tracking.findings().iter().map(Finding::text);
-            found.filter(|text| text.contains("more than noise")).collect::<Vec<String>>()
+            found.filter(|text| text.contains("above the noise")).collect::<Vec<String>>()
         };
         assert_eq!(told(10), Vec::<String>::new());
         let long = told(40);
@@ -473,7 +474,11 @@ mod tests {
             tracking.findings().iter().map(Finding::text).collect::<Vec<String>>()[1].clone()
         };
         assert!(told(0b010, 0).contains("bad calibration of camera 1"), "{}", told(0b010, 0));
-        assert!(told(0, 0b010).contains("camera 1 is used where the others see it"), "{}", told(0, 0b010));
+        assert!(
+            told(0, 0b010).contains("camera 1 is used at a place estimated from the others"),
+            "{}",
+            told(0, 0b010)
+        );
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use crate::Finding;
 use serde::Serialize;
 
-/// Periods in a row for which something must be wrong before it is told.
+/// Periods in a row for which something must be wrong before it is reported.
 const LASTS: u32 = 2;
 /// Periods in a row after which it is over.
 const OVER: u32 = 3;
@@ -13,7 +13,7 @@ const KEPT: usize = 100;
 /// A finding that lasted.
 #[derive(Debug, Clone, Serialize)]
 pub struct Warning {
-    /// When it was told, s since the start.
+    /// When it was reported, s since the start.
     pub from_s: f64,
     /// When it was over, s; `None` where it lasts.
     pub to_s: Option<f64>,
@@ -28,7 +28,7 @@ struct Candidate {
     finding: Finding,
     seen: u32,
     absent: u32,
-    /// Index of the warning, once it was told.
+    /// Index of the warning, once it was reported.
     told: Option<usize>,
 }
 
@@ -40,7 +40,7 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Takes what was found in a period; returns what is to be told now for the first time.
+    /// Takes what was found in a period; returns what is to be reported now for the first time.
     pub fn note(&mut self, at_s: f64, found: &[Finding]) -> Vec<Finding> {
         let mut news = Vec::new();
         for finding in found {
@@ -74,7 +74,7 @@ impl Watch {
         self.candidates.iter().filter(|c| c.told.is_some()).map(|c| &c.finding)
     }
 
-    /// Everything that was told.
+    /// Everything that was reported.
     pub fn warnings(&self) -> &[Warning] {
         &self.warnings
     }

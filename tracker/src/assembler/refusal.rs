@@ -9,7 +9,7 @@ pub enum Refusal {
     #[error("camera {0} is not in the rig")]
     UnknownCamera(u32),
     /// The field is invalid.
-    #[error("the field's numbers make no sense")]
+    #[error("the field's numbers contradict each other")]
     Invalid,
     /// The same field again, or one older than this camera's last.
     #[error("camera {camera}: exposure {exposed_ns} ns is not after its last one, {last_ns} ns")]

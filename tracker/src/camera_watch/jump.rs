@@ -89,7 +89,7 @@ fn markers_seen(
     count
 }
 
-/// False if the eye's markers do not jump, or were not predicted well enough to tell. The eye is predicted
+/// False if the eye's markers do not jump, or were not predicted well enough to decide. The eye is predicted
 /// best: where its markers stay, the instruments were predicted badly.
 fn eye_jumps<'a>(
     seen: impl Iterator<Item = &'a Seen> + Clone,

@@ -8,7 +8,7 @@ use protocol::limits::MAX_CAMERAS;
 const MOST: u32 = 1 << 30;
 
 impl CameraWatch {
-    /// Writes what is known of the rig's cameras, and what was not told yet.
+    /// Writes what is known of the rig's cameras, and what was not reported yet.
     pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
         let CameraWatch { calibrated, states, jumps, evidence, resections, returns, estimated, .. } = self;
         let CameraWatch { trial, quiet_until_ns, notices, newly_left_out, .. } = self;

@@ -7,7 +7,7 @@ use crate::tracker::{load_place, save_place};
 use protocol::limits::BODIES;
 
 impl DriftEstimator {
-    /// Writes what the residuals have told. Of the factor only the lower triangle is ever read.
+    /// Writes the evidence of the residuals. Of the factor only the lower triangle is ever read.
     pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
         let DriftEstimator { nominal, parameters, information, gradient, factor, right, .. } = self;
         let DriftEstimator { applied, column, turn, report, past, .. } = self;

@@ -7,7 +7,7 @@ use fpga_model::input::packed::Packing;
 use linuxvideo::format::{FrameSizes, PixelFormat};
 use linuxvideo::{BufType, BufTypes, Device};
 
-/// What is said where there are none.
+/// Text shown without any camera.
 pub const NONE: &str = "no cameras: this machine has no /dev/video* that takes pictures";
 
 /// Lists them.
@@ -17,7 +17,7 @@ pub const NONE: &str = "no cameras: this machine has no /dev/video* that takes p
 pub fn run() -> Result<()> {
     let mut count = 0;
     for device in linuxvideo::list().context("/dev")? {
-        // One that may not be opened is told; one that is no camera is passed over.
+        // A device that may not be opened is reported; one that is not a camera is skipped.
         match device {
             Err(problem) => outputs::println!("a device cannot be opened: {problem}"),
             Ok(device) if device.supported_buf_types().contains(BufTypes::VIDEO_CAPTURE) => {

@@ -173,7 +173,8 @@ impl Source {
         match cameras {
             Cameras::Program(program) => {
                 bail!(
-                    "{}: a program shows its pictures itself; expected v4l2:, genicam:, y4m:, mcap: or virtual",
+                    "{}: the pictures of a program cannot be shown; expected v4l2:, genicam:, y4m:, mcap: \
+                     or virtual",
                     program.display()
                 )
             }
@@ -187,10 +188,7 @@ impl Source {
                 let cameras = rig.cameras();
                 let streams = streams.spread(cameras.len());
                 let (expected, found) = (cameras.len(), streams.len());
-                ensure!(
-                    found <= expected,
-                    "expected at most {expected} cameras, as the rig has, found {found}"
-                );
+                ensure!(found <= expected, "expected at most the rig's {expected} cameras, found {found}");
                 let feed = |(camera, stream)| {
                     anyhow::Ok((Feed::start(rig, camera, stream, bell.rope(), stop, now())?, None))
                 };
@@ -339,7 +337,7 @@ impl Shown {
     }
 }
 
-/// Writes the pictures. Of a camera that has brought none, that is said once the others are written.
+/// Writes the pictures. A camera without a picture is an error, after the others are written.
 fn save(looks: &[Look], folder: &Path, outputs: &mut Outputs) -> Result<()> {
     let mut missing = Vec::new();
     for (i, look) in looks.iter().enumerate() {
@@ -352,6 +350,6 @@ fn save(looks: &[Look], folder: &Path, outputs: &mut Outputs) -> Result<()> {
         outputs.write(&file, png(&image)?)?;
         outputs::println!("{} is written", file.display());
     }
-    ensure!(missing.is_empty(), "no picture of {} came", missing.join(" and "));
+    ensure!(missing.is_empty(), "no picture from {} arrived", missing.join(" and "));
     Ok(())
 }

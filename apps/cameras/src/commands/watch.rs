@@ -17,7 +17,7 @@ const RATE_S: f64 = 0.5;
 const MANY_BLOBS: f64 = 60.0;
 
 /// What a person does about pictures without blobs that are not dark.
-const NO_BLOBS: &str = "no blobs: look at focus, colours of the markers and what the camera sees";
+const NO_BLOBS: &str = "no blobs: check focus, the markers' colours and what the camera sees";
 
 /// Pictures of one camera since the last line.
 #[derive(Debug, Clone, Default)]
@@ -44,7 +44,7 @@ impl Watch {
         self.brightest = luma.iter().copied().max().unwrap_or(0).max(self.brightest);
     }
 
-    /// What is said of the time since the last line, for a rig of `field_hz`; `lost` counts what did not come,
+    /// Summary of the time since the last line, for a rig of `field_hz`; `lost` counts missing fields,
     /// `trouble` is what the reading says is wrong. Begins anew.
     pub fn line(&mut self, field_hz: f64, lost: u64, trouble: Option<&str>) -> String {
         let is_steady = self.is_steady || self.fields > 0;
@@ -70,7 +70,7 @@ impl Watch {
         let is_judged = self.is_steady && seconds >= RATE_S;
         let strange = is_judged && (hz / field_hz - 1.0).abs() > SAME_RATE.max(1.5 / field_hz);
         let rate = strange.then(|| {
-            format!("the rig says {field_hz:.1} fields/s: set the camera's rate, or field_hz of the rig")
+            format!("the rig expects {field_hz:.1} fields/s: set the camera's rate, or field_hz of the rig")
         });
         let picture = self.picture_advice(saturated, blobs).map(str::to_owned);
         let all: Vec<String> = [picture, rate].into_iter().flatten().collect();
@@ -100,7 +100,7 @@ mod tests {
         let mut watch = Watch::default();
         watch.note(luma, blobs, 3);
         let first = watch.line(50.0, 0, None);
-        assert!(!first.contains("the rig says"), "{first}");
+        assert!(!first.contains("the rig expects"), "{first}");
         let at = |k: usize| 7 + k as u64 * 1_000_000_000 / fields as u64;
         (0..fields).for_each(|k| watch.note(luma, blobs, at(k)));
         watch.line(50.0, 0, None)
@@ -114,7 +114,7 @@ mod tests {
             "50.0 fields/s, 0 lost, 14.0 blobs, 0.00 % saturated, brightest 150: all right"
         );
         for (luma, fields, blobs, named) in [
-            (&good[..], 30, 14, "the rig says 50.0 fields/s"),
+            (&good[..], 30, 14, "the rig expects 50.0 fields/s"),
             (&[17, 40], 50, 0, "too dark: raise exposure"),
             (&[30, 235], 50, 3, "50.00 % saturated, brightest 235: too bright: lower exposure"),
             (&good, 50, 0, "no blobs"),

@@ -128,7 +128,7 @@ fn refused(error: glib::Error) -> anyhow::Error {
     let absent = [NotFound, NotConnected, Timeout, TransferError];
     match error.kind::<DeviceError>() {
         Some(kind) if absent.contains(&kind) => Absent.into(),
-        Some(DeviceError::NotController) => anyhow!("is in the hands of another program"),
+        Some(DeviceError::NotController) => anyhow!("is in use by another program"),
         _ => anyhow!("refuses: {}", error.message()),
     }
 }
@@ -144,7 +144,7 @@ impl Opener {
         let [w, h] = [width, height].map(|px| i32::try_from(px).unwrap_or(i32::MAX));
         ensure!(
             w <= widest && h <= highest,
-            "has {widest}×{highest} px at most; the rig wants pictures of {width}×{height} px"
+            "delivers at most {widest}×{highest} px; the rig expects pictures of {width}×{height} px"
         );
         let [x, y] = [(widest - w) / 2, (highest - h) / 2].map(|at| at & !15);
         let region = camera.set_region(x, y, w, h).or_else(|_| camera.set_region(0, 0, w, h));
@@ -152,7 +152,7 @@ impl Opener {
         let (_, _, found_w, found_h) = camera.region().map_err(refused)?;
         ensure!(
             (found_w, found_h) == (w, h),
-            "takes {found_w}×{found_h} px though {width}×{height} px were asked for, as the rig has"
+            "delivers {found_w}×{found_h} px instead of the rig's {width}×{height} px"
         );
         Layout::of(packing, width, height, 0)
     }
@@ -165,10 +165,8 @@ impl Opener {
         let asked = camera.set_frame_rate(self.hz).and_then(|()| camera.frame_rate());
         match asked {
             Ok(found) if (found / self.hz - 1.0).abs() < 0.01 => None,
-            Ok(found) => {
-                Some(format!("takes {found:.2} pictures a second, where {:.2} would fit the rig", self.hz))
-            }
-            Err(problem) => Some(format!("does not take the rig's rate: {}", problem.message())),
+            Ok(found) => Some(format!("takes {found:.2} pictures per second; the rig needs {:.2}", self.hz)),
+            Err(problem) => Some(format!("rejects the rig's rate: {}", problem.message())),
         }
     }
 
@@ -201,9 +199,9 @@ fn damage(status: BufferStatus) -> Option<&'static str> {
     Some(match status {
         BufferStatus::Success => return None,
         BufferStatus::MissingPackets | BufferStatus::Timeout => "lacks packets",
-        BufferStatus::SizeMismatch => "is larger than its camera said",
-        BufferStatus::WrongPacketId => "has packets of another",
-        _ => "was not finished",
+        BufferStatus::SizeMismatch => "is larger than announced",
+        BufferStatus::WrongPacketId => "contains packets of another picture",
+        _ => "is incomplete",
     })
 }
 
@@ -227,7 +225,7 @@ impl Device for Camera {
             let found = [buffer.image_width(), buffer.image_height()].map(|px| px as usize);
             samples::copy(&buffer, &mut self.bytes);
             if found != [self.layout.width, self.layout.height] {
-                damage = Some("has another size than was asked for");
+                damage = Some("has a different size than requested");
             }
         }
         let stamp = Stamp { ns: buffer.timestamp(), clock: StampClock::Own, is_start: false };

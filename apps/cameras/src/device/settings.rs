@@ -58,18 +58,18 @@ pub fn plan(wanted: &Wanted, controls: &[Control]) -> Result<Vec<Write>, String>
     let find = |meaning| place(meaning).map(|at| (at, &controls[at]));
     let mut writes = Vec::new();
     if let Some(us) = wanted.exposure_us {
-        let none = "has no exposure that can be set: leave exposure_us away";
+        let none = "has no adjustable exposure: omit exposure_us";
         let (at, control) = find(Meaning::Exposure).ok_or(none)?;
         let us = i64::from(us);
         let value = fitting(control, "exposure_us", us, EXPOSURE_UNIT_US)?;
-        let by_hand = |control| Write { control, value: MANUAL, text: "exposure by hand".into() };
+        let by_hand = |control| Write { control, value: MANUAL, text: "manual exposure".into() };
         writes.extend(place(Meaning::ExposureAuto).map(by_hand));
         writes.push(Write { control: at, value, text: format!("exposure {us} µs") });
     }
     if let Some(gain) = wanted.gain {
-        let (at, control) = find(Meaning::Gain).ok_or("has no gain that can be set: leave gain away")?;
+        let (at, control) = find(Meaning::Gain).ok_or("has no adjustable gain: omit gain")?;
         let value = fitting(control, "gain", i64::from(gain), 1)?;
-        let by_hand = |control| Write { control, value: 0, text: "gain by hand".into() };
+        let by_hand = |control| Write { control, value: 0, text: "manual gain".into() };
         writes.extend(place(Meaning::AutoGain).map(by_hand));
         writes.push(Write { control: at, value, text: format!("gain {gain}") });
     }
@@ -83,7 +83,7 @@ pub fn plan(wanted: &Wanted, controls: &[Control]) -> Result<Vec<Write>, String>
 fn trigger_of(trigger: Trigger, controls: &[Control]) -> Result<Write, String> {
     let named = |c: &Control| c.name.to_lowercase().contains("trigger mode");
     let found = controls.iter().enumerate().find(|(_, c)| named(c));
-    let (at, control) = found.ok_or("has no control \"Trigger Mode\": leave trigger away")?;
+    let (at, control) = found.ok_or("has no control \"Trigger Mode\": omit trigger")?;
     let words: &[&str] = match trigger {
         Trigger::External => &["external", "on", "hardware"],
         Trigger::Internal => &["internal", "off", "free run", "disabled"],
@@ -111,7 +111,7 @@ fn fitting(control: &Control, key: &str, asked: i64, unit: i64) -> Result<i32, S
     i32::try_from(asked / unit).ok().filter(fits).ok_or_else(|| {
         let [low, high] = [control.minimum, control.maximum].map(|v| i64::from(v) * unit);
         let steps = if step * unit > 1 { format!(" in steps of {}", step * unit) } else { String::new() };
-        format!("takes {key}={low} to {high}{steps}, found {asked}")
+        format!("expected {key}={low} to {high}{steps}, found {asked}")
     })
 }
 
@@ -163,8 +163,8 @@ mod tests {
     fn what_a_camera_does_not_take_is_refused_in_words() {
         let none = Wanted::default();
         for (wanted, controls, named) in [
-            (Wanted { exposure_us: Some(2_000), ..none }, vec![], "no exposure that can be set"),
-            (Wanted { gain: Some(1), ..none }, vec![], "no gain that can be set"),
+            (Wanted { exposure_us: Some(2_000), ..none }, vec![], "no adjustable exposure"),
+            (Wanted { gain: Some(1), ..none }, vec![], "no adjustable gain"),
             (Wanted { trigger: Some(Trigger::Internal), ..none }, vec![], "no control \"Trigger Mode\""),
             (
                 Wanted { exposure_us: Some(2_050), ..none },

@@ -67,7 +67,7 @@ impl Open for Opener {
 
 /// An error of the driver: absence, or what it lacks in words.
 fn refused(what: &str, error: io::Error) -> anyhow::Error {
-    if is_gone(&error) { Absent.into() } else { anyhow!("is no Video4Linux2 camera that {what}: {error}") }
+    if is_gone(&error) { Absent.into() } else { anyhow!("is not a Video4Linux2 camera that {what}: {error}") }
 }
 
 impl Opener {
@@ -78,7 +78,7 @@ impl Opener {
         let wanted = Packing::wanted(self.format);
         let Some(&packing) = wanted.iter().find(|p| letters.contains(&p.fourcc())) else {
             let [asked, found] = [wanted.iter().map(|p| p.fourcc()).collect(), letters].map(in_words);
-            bail!("delivers {found}; the rig says {}, which is {asked}", self.format.name());
+            bail!("delivers {found}; the rig's format is {}, which needs {asked}", self.format.name());
         };
         let [width, height] = self.frame_px;
         // One that delivers fields of half the height of a frame stays as it is.
@@ -92,7 +92,7 @@ impl Opener {
         let letters = got.pixel_format().as_fourcc();
         ensure!(
             letters == packing.fourcc(),
-            "delivers {} though {} was asked for",
+            "delivers {} instead of the requested {}",
             in_words(vec![letters]),
             in_words(vec![packing.fourcc()])
         );
@@ -108,7 +108,7 @@ impl Opener {
         let found = f64::from(got.denominator()) / f64::from(got.numerator().max(1));
         let same = (found / hz - 1.0).abs() < 0.01;
         (!same && got.numerator() > 0)
-            .then(|| format!("takes {found:.2} pictures a second, where {hz:.2} would fit the rig"))
+            .then(|| format!("takes {found:.2} pictures per second; the rig needs {hz:.2}"))
     }
 }
 
@@ -145,11 +145,9 @@ fn set(device: &mut Opened, wanted: &Wanted) -> Result<String> {
     let writes: Vec<Write> = plan(wanted, &all).map_err(anyhow::Error::msg)?;
     for write in &writes {
         let id = ids[write.control];
-        device
-            .write_control_raw(id, write.value)
-            .map_err(|e| anyhow!("does not take {}: {e}", write.text))?;
+        device.write_control_raw(id, write.value).map_err(|e| anyhow!("rejects {}: {e}", write.text))?;
         let found = device.read_control_raw(id).unwrap_or(write.value);
-        ensure!(found == write.value, "does not keep {}: it says {found}", write.text);
+        ensure!(found == write.value, "did not keep {}: it reports {found}", write.text);
     }
     let texts: Vec<&str> = writes.iter().map(|w| w.text.as_str()).collect();
     Ok(texts.join(", "))
@@ -210,7 +208,7 @@ mod tests {
             let mut opener = Opener { path, frame_px, format, hz: 50.0, interlaced: true, wanted };
             opener.open().err().expect("refused")
         };
-        assert!(open("/dev/null").to_string().contains("is no Video4Linux2 camera that opens"));
+        assert!(open("/dev/null").to_string().contains("is not a Video4Linux2 camera that opens"));
         assert!(open("/dev/no-video").is::<Absent>());
     }
 

@@ -27,7 +27,7 @@ use std::sync::mpsc::{Receiver, Sender, channel, sync_channel};
 
 /// A source that has brought nothing for so many periods is silent.
 const SILENT_PERIODS: u64 = 10;
-/// So long nothing is said of a source that has brought nothing yet, ns.
+/// Time before a source that has delivered nothing yet is reported, ns.
 const AWAITED_NS: u64 = 500_000_000;
 /// Time of nothing but black pictures after which a camera counts as black, ns.
 const BLACK_NS: u64 = 1_000_000_000;
@@ -37,7 +37,7 @@ const ODD_NS: u64 = 1_000_000_000;
 const SLOW_AFTER: u32 = 3;
 const IN_TIME_AFTER: u32 = 25;
 
-/// What is said of GenICam cameras where they were left out of the build.
+/// Error for GenICam cameras in a build without them.
 #[cfg(not(feature = "genicam"))]
 pub(crate) const NO_GENICAM: &str = "this vitreo was built without GenICam cameras; `cargo build --release \
     --features cameras/genicam` builds it with them, where aravis is there (Debian: libaravis-dev, libusb-1.0-0-dev; docs/cameras.md)";
@@ -106,11 +106,12 @@ impl Reading<'_> {
             return Ok(Box::new(move || reader.run()));
         }
         let whole = scan == Scan::Progressive;
-        ensure!(!(whole && has_parity), "{stream}: whole frames have all lines: leave ?parity away");
+        ensure!(!(whole && has_parity), "{stream}: whole frames have all lines: omit ?parity");
         let believed_us = of_rig.exposure_ns / 1_000;
         if let Some(us) = stream.wanted.exposure_us.filter(|us| u64::from(*us) != believed_us) {
             tracing::warn!(
-                "{stream}: exposure {us} µs; the rig's exposure_ns says {believed_us} µs, which the tracker believes"
+                "{stream}: exposure {us} µs; the tracker uses the rig's exposure_ns, {believed_us} µs: \
+                 correct one of them"
             );
         }
         let opener = self.opener()?;
@@ -386,41 +387,45 @@ impl Feed {
         let never = self.newest_ns == 0;
         match (&self.over, &self.refusal) {
             (Some(Some(why)), _) => return trouble(Kind::Refused, why),
-            (Some(None), _) if self.held.is_none() => return trouble(Kind::Over, "has shown its whole file"),
+            (Some(None), _) if self.held.is_none() => {
+                return trouble(Kind::Over, "has reached the end of its file");
+            }
             (None, Some(why)) => return trouble(Kind::Refused, why),
             _ => {}
         }
         if never {
             let what = match self.is_device {
-                true => "is waited for: its device has brought no picture yet",
-                false => "is waited for: nobody has opened its pipe and written a picture yet",
+                true => "is not ready: its device has delivered no picture yet",
+                false => "is not ready: no program has written a picture into its pipe yet",
             };
             return (since(self.begun_ns) >= AWAITED_NS).then(|| trouble(Kind::Awaited, what)).flatten();
         }
         if self.is_closed && self.held.is_none() && self.is_device {
-            return trouble(Kind::Unplugged, "is unplugged; it is waited for");
+            return trouble(Kind::Unplugged, "is unplugged; waiting for it");
         }
         if self.is_closed && self.held.is_none() {
-            return trouble(Kind::Closed, "is closed by its writer; it is waited for the next");
+            return trouble(Kind::Closed, "was closed by its writer; waiting for the next");
         }
         if started && self.held.is_none() && since(self.newest_ns) >= SILENT_PERIODS * self.period_ns {
             let what = match self.is_device {
-                true => "brings nothing, though it is there: look at its cable and trigger",
-                false => "brings nothing, though its pipe is open",
+                true => "delivers nothing although it is connected: check its cable and trigger",
+                false => "delivers nothing although its pipe is open",
             };
             return trouble(Kind::Silent, what);
         }
         if self.is_slow {
-            return trouble(Kind::Slow, "brings its pictures too late; late ones are left out");
+            return trouble(Kind::Slow, "delivers pictures too late; late ones are dropped");
         }
         if self.odd_ns > 0 && since(self.odd_ns) < ODD_NS {
             return trouble(
                 Kind::Stamps,
-                "brings stamps that cannot be true; the arrival of its pictures counts",
+                "delivers implausible timestamps; the arrival times of its pictures are used",
             );
         }
         let black = self.black_since.is_some_and(|black| since(black) >= BLACK_NS);
-        black.then(|| trouble(Kind::Black, "shows nothing but black: look at cap, light and gain")).flatten()
+        black
+            .then(|| trouble(Kind::Black, "delivers only black pictures: check cap, light and gain"))
+            .flatten()
     }
 
     /// Its figures so far; `reached` is the read-out that all cameras have reached.

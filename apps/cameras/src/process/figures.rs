@@ -27,7 +27,7 @@ impl Figures {
     pub(super) fn keep(&mut self, deliveries: &Deliveries) {
         if let (Err(problem), false) = (ipc::write_whole_json(&self.path, deliveries), self.told) {
             self.told = true;
-            tracing::warn!("the figures of the cameras cannot be kept: {problem}");
+            tracing::warn!("the statistics of the cameras cannot be written: {problem}");
         }
     }
 }

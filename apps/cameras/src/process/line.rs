@@ -1,4 +1,4 @@
-//! What every thread that reads a source has: where it tells what it brings, its spare pictures, and how it learns
+//! What every thread that reads a source has: its channel for what it reads, its spare pictures, and how it learns
 //! that the process ends.
 
 use super::reader::Told;
@@ -38,7 +38,7 @@ impl Line {
 
     /// Waits where the process is not ready for more; an error where it is gone.
     pub(super) fn tell(&self, told: Told) -> Result<()> {
-        self.outbox.send(told).map_err(|_| anyhow!("nobody listens"))?;
+        self.outbox.send(told).map_err(|_| anyhow!("the receiver has ended"))?;
         self.rope.ring();
         Ok(())
     }

@@ -49,7 +49,7 @@ impl LiveReader {
     pub(super) fn run(mut self) {
         let mut is_away = false;
         loop {
-            // A camera that stays away is told once.
+            // A camera that stays away is reported once.
             let (told, is_news) = match self.read() {
                 Ok(End::Stopped) => return,
                 Ok(End::Unplugged { was_open }) => (Told::Closed, was_open || !is_away),
@@ -105,14 +105,14 @@ impl LiveReader {
         let stamps = course.stamps.get_or_insert_with(|| self.stamps(&parts));
         if let Some(damage) = buffer.damage {
             course.damaged += stamps.pass_over(buffer.sequence) + 1;
-            return Ok(Told::Refused(format!("brings a picture that {damage} and is left out")));
+            return Ok(Told::Refused(format!("delivered a picture that {damage}; it is dropped")));
         }
         let mut taken = stamps.take(buffer.stamp, buffer.sequence, arrived_ns, wall_ns);
         let mut picture = self.line.picture();
         course.damaged += taken.lost;
         if let Err(problem) = layout.unpack(buffer.bytes, &mut picture) {
             course.damaged += 1;
-            return Ok(Told::Refused(format!("brings a picture that is left out: {problem}")));
+            return Ok(Told::Refused(format!("delivered a picture that is dropped: {problem}")));
         }
         taken.lost = std::mem::take(&mut course.damaged);
         let is_first = !std::mem::replace(&mut course.has_begun, true);

@@ -51,7 +51,7 @@ impl RecordedReader {
         let rig = Rig::parse(&head.rig_json, "rig");
         let own_hz = rig.map_or(head.field_hz, |rig| 1e9 / rig.sensor(self.camera).period_ns as f64);
         let note = ((own_hz / hz - 1.0).abs() > 0.01)
-            .then(|| format!("says {own_hz:.2} fields a second and is taken for the {hz:.2} of the rig"));
+            .then(|| format!("has {own_hz:.2} fields per second; the rig's {hz:.2} are used"));
         let mut recorded = Recorded::open(&self.path, self.camera)?;
         self.line.tell(Told::Opened { is_file: true, settings: String::new(), note })?;
         let (mut next, mut is_first) = (0, true);
@@ -86,7 +86,7 @@ impl RecordedReader {
         let found = [header.width, header.height];
         ensure!(
             found == [width, height] && whole == (header.parity == WHOLE_FRAME),
-            "brings fields of {}×{} px; the rig wants {} of {width}×{height} px",
+            "has fields of {}×{} px; the rig expects {} of {width}×{height} px",
             found[0],
             found[1],
             if whole { "whole frames" } else { "fields" }

@@ -40,7 +40,7 @@ fn what_was_there_is_kept_beside_and_a_step_is_done_once() {
     assert!(page.contains("data:image/png;base64,AQID") && page.contains("shows &lt;a&gt;"), "{page}");
     let other = folder.path().join("other.json");
     std::fs::write(&other, rig.to_json()).unwrap();
-    assert!(again.rig(Some(&other)).unwrap_err().to_string().contains("is there already"));
+    assert!(again.rig(Some(&other)).unwrap_err().to_string().contains("exists already and is continued"));
     again.rig(Some(&folder.path().join("rig.json"))).unwrap();
 }
 

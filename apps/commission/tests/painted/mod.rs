@@ -93,7 +93,7 @@ pub fn before(camera: &Camera, i: usize) -> Isometry3<f64> {
 /// Pose `i` of a board where the eye will be, seen by all cameras from above.
 pub fn together(i: usize) -> Isometry3<f64> {
     let t = i as f64;
-    // The cameras are at +z and the board's z leads away from who looks at it.
+    // The cameras are at +z and the board's z leads away from the viewer.
     let up = turn(std::f64::consts::PI, 0.0, 0.0);
     let tilt = turn(0.2 * (1.7 * t).sin(), 0.2 * (2.3 * t).cos(), 0.9 * t);
     let place = Vector3::new(3.0 * (1.1 * t).sin(), 2.5 * (1.9 * t).cos(), 2.0 * (0.7 * t).sin());

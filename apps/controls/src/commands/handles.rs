@@ -132,7 +132,7 @@ impl Listener {
                     hand.counts.push_back(sample.count);
                     hand.tool = sample
                         .tool
-                        .map_or_else(|| "no tool told".into(), |tool| format!("{tool:?}").to_lowercase());
+                        .map_or_else(|| "no tool reported".into(), |tool| format!("{tool:?}").to_lowercase());
                 }
                 Heard::Gap(lines) => *missing += u64::from(lines),
                 Heard::Bad(why) => (*bad, *newest_bad) = (*bad + 1, why.to_string()),
@@ -165,7 +165,7 @@ fn watch(listener: &mut Listener, person: &mut Person) -> Result<()> {
         person.show(&listener.text())?;
         if gone {
             person.end_line();
-            outputs::println!("the line is gone");
+            outputs::println!("the line was disconnected");
             return Ok(());
         }
         sleep_until(at + LOOK_NS);
@@ -186,12 +186,12 @@ fn calibrate(
     let open = counts(listener, person, "Let them open fully, and press Enter.")?;
     ensure!(
         closed.iter().zip(&open).any(|(c, o)| c.is_some() && o.is_some()),
-        "no handle was heard; look at the line with vitreo handles, without --calibrate"
+        "no handle sent a sample; check the line with vitreo handles, without --calibrate"
     );
     let hand = |i: usize| -> Result<Option<RigHandle>> {
         let instrument = i as u32;
         let (Some(closed), Some(open)) = (closed[i], open[i]) else {
-            outputs::println!("handle {i} was not heard");
+            outputs::println!("handle {i} sent no sample");
             return Ok(rig.handle(instrument).copied());
         };
         ensure!(
@@ -226,8 +226,8 @@ fn counts(
         match answer {
             _ if until.is_some() => {}
             Answer::Enter => until = Some(now() + AFTER_NS),
-            Answer::Over => bail!("standard input is over; nothing was written"),
-            Answer::None if gone => bail!("the line is gone; nothing was written"),
+            Answer::Over => bail!("standard input ended; nothing was written"),
+            Answer::None if gone => bail!("the line was disconnected; nothing was written"),
             Answer::None => {}
         }
     }

@@ -47,7 +47,7 @@ const BUTTONS: [(PedalButton, &str); 8] = [
     (PedalButton::Magnify, "the button that magnifies"),
     (PedalButton::Reduce, "the button that reduces"),
     (PedalButton::Pause, "the button that pauses"),
-    (PedalButton::Restart, "the button that begins the attempt again"),
+    (PedalButton::Restart, "the button that restarts the attempt"),
     (PedalButton::Next, "the button of the next level"),
 ];
 
@@ -91,7 +91,7 @@ fn watch(pedal: &mut PedalDevice, person: &mut Person) -> Result<()> {
         person.show(&line(&pedal.inputs, pedal.mapping.as_ref()))?;
         if gone || !pedal.is_there() {
             person.end_line();
-            outputs::println!("the pedal is gone");
+            outputs::println!("the pedal was disconnected");
             return Ok(());
         }
         sleep_until(at + LOOK_NS);
@@ -142,7 +142,7 @@ impl Walk<'_> {
                 learner.button(button, pressed, released).map(|i| i.to_string())
             })?;
         }
-        learner.mapping().context("nothing was learnt: nothing that was pressed moved anything")
+        learner.mapping().context("nothing was learnt: no axis or button moved")
     }
 
     /// Asks for one of them, pressed and let go.
@@ -169,8 +169,8 @@ impl Walk<'_> {
             self.person.show_beside(&line(&self.pedal.inputs, None))?;
             match answer {
                 Answer::Enter => return Ok(self.pedal.inputs.clone()),
-                Answer::Over => bail!("standard input is over; nothing was written"),
-                Answer::None if gone => bail!("the pedal is gone; nothing was written"),
+                Answer::Over => bail!("standard input ended; nothing was written"),
+                Answer::None if gone => bail!("the pedal was disconnected; nothing was written"),
                 Answer::None => {}
             }
         }

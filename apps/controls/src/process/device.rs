@@ -129,7 +129,7 @@ impl PedalDevice {
             (PedalInterface::Evdev, Kind::Device) => self.ask(fd)?,
             (PedalInterface::Evdev, _) => self.is_file = kind == Kind::File,
             (PedalInterface::Hidraw, Kind::File) => {
-                return Err("is a file, and reports have no instants: write it into a pipe".into());
+                return Err("is a file, and reports carry no times: write it into a pipe".into());
             }
             (PedalInterface::Hidraw, _) => {
                 let bytes = self.mapping.as_ref().and_then(|m| m.report).map(|shape| shape.bytes);
@@ -143,13 +143,13 @@ impl PedalDevice {
             self.bad += u64::from(reader.forget());
         }
         let Some(mapping) = &self.mapping else {
-            let told = "says nothing of its axes: name a mapping, evdev:PATH,MAPPING";
+            let told = "does not describe its axes: give a mapping, evdev:PATH,MAPPING";
             return if self.needs_mapping { Err(told.into()) } else { Ok(()) };
         };
         match mapping.without_range(&self.inputs) {
-            Some(input) => {
-                Err(format!("tells no range of {input}: the mapping must (range = [RELEASED, PRESSED])"))
-            }
+            Some(input) => Err(format!(
+                "reports no range of {input}: give one in the mapping (range = [RELEASED, PRESSED])"
+            )),
             None => Ok(()),
         }
     }
@@ -157,7 +157,7 @@ impl PedalDevice {
     /// Asks the kernel for ranges and where everything stands, chooses a mapping where none is given, and
     /// keeps the events to itself where the mapping wants it.
     fn ask(&mut self, fd: OwnedFd) -> Result<(), String> {
-        let refused = |e: std::io::Error| format!("is no input device of the kernel: {e}");
+        let refused = |e: std::io::Error| format!("is not an input device of the kernel: {e}");
         let mut device = Device::from_fd(fd).map_err(refused)?;
         for (axis, about) in device.get_absinfo().map_err(refused)? {
             let input = Input::Axis(axis.0);
@@ -171,7 +171,9 @@ impl PedalDevice {
             self.mapping = Some(fitting(&device)?);
         }
         if self.mapping.as_ref().is_some_and(|mapping| mapping.grab) {
-            device.grab().map_err(|e| format!("cannot be kept from other programs (grab): {e}"))?;
+            device
+                .grab()
+                .map_err(|e| format!("cannot be grabbed, so that other programs do not receive it: {e}"))?;
             self.grabbed = Some(device);
         }
         Ok(())
@@ -263,7 +265,7 @@ fn fitting(device: &Device) -> Result<Mapping, String> {
     let mut fit = all.filter(|m| {
         m.interface == PedalInterface::Evdev && !m.grab && m.axes.iter().all(|map| has(map.input))
     });
-    fit.next().ok_or_else(|| "fits none of the shipped mappings: name one, evdev:PATH,MAPPING".into())
+    fit.next().ok_or_else(|| "fits none of the shipped mappings: give one, evdev:PATH,MAPPING".into())
 }
 
 #[cfg(test)]

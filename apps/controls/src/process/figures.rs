@@ -19,7 +19,7 @@ impl Figures {
     pub(super) fn keep(&mut self, controls: &[ControlFigures]) {
         if let (Err(problem), false) = (ipc::write_whole_json(&self.path, &controls), self.told) {
             self.told = true;
-            tracing::warn!("the figures of pedal and handles cannot be kept: {problem}");
+            tracing::warn!("the statistics of pedal and handles cannot be written: {problem}");
         }
     }
 }

@@ -187,13 +187,13 @@ impl HandlesFeed {
         let found = if let (Some(why), false) = (&self.absent, self.was_there) {
             trouble(Kind::Absent, why)
         } else if !self.line.is_open() && self.was_there {
-            trouble(Kind::Gone, "is gone: tools and jaws stay")
+            trouble(Kind::Gone, "is disconnected: tools and jaws keep their state")
         } else if garbled {
-            trouble(Kind::Garbled, "is noisy: lines are refused; look at cable and speed")
+            trouble(Kind::Garbled, "is noisy: lines are rejected; check cable and baud rate")
         } else if silent && self.was_there {
-            trouble(Kind::Silent, "is silent: tools and jaws stay")
+            trouble(Kind::Silent, "is silent: tools and jaws keep their state")
         } else if gaps {
-            trouble(Kind::Gaps, "loses lines: their numbers jump")
+            trouble(Kind::Gaps, "loses lines: their sequence numbers jump")
         } else {
             let text =
                 |i| format!("has handle {i}, which the rig's section handles lacks: its jaws stay open");

@@ -106,12 +106,12 @@ impl PedalFeed {
         let trouble = match (&self.absent, self.gone_ns) {
             (Some(why), _) if !self.was_there => Some(Trouble::new(Kind::Absent, why.clone())),
             (_, Some(_)) if self.device.is_file() => {
-                Some(Trouble::new(Kind::Over, "comes from a file that is over: it counts as up"))
+                Some(Trouble::new(Kind::Over, "has reached the end of its file: it counts as up"))
             }
-            (_, Some(_)) => Some(Trouble::new(Kind::Gone, "is gone: it counts as up")),
+            (_, Some(_)) => Some(Trouble::new(Kind::Gone, "is disconnected: it counts as up")),
             _ if self.bad.is_much(now) => Some(Trouble::new(
                 Kind::Garbled,
-                "sends reports of another length, or more than can be taken",
+                "sends reports of a wrong length, or more than can be processed",
             )),
             _ => None,
         };
@@ -144,12 +144,15 @@ pub(crate) fn load(spec: &PedalSpec) -> Result<Option<Mapping>> {
     let Some(name) = &spec.mapping else {
         ensure!(
             spec.interface == PedalInterface::Evdev,
-            "{spec}: expected hidraw:PATH,MAPPING: reports say nothing of themselves"
+            "{spec}: expected hidraw:PATH,MAPPING: reports do not describe themselves"
         );
         return Ok(None);
     };
     let mapping = Mapping::load(name)?;
     let (wanted, found) = (spec.interface.prefix(), mapping.interface.prefix());
-    ensure!(mapping.interface == spec.interface, "{spec}: the mapping {name} is of {found}, not of {wanted}");
+    ensure!(
+        mapping.interface == spec.interface,
+        "{spec}: the mapping {name} is for {found}, not for {wanted}"
+    );
     Ok(Some(mapping))
 }

@@ -108,7 +108,7 @@ impl Bench<'_> {
         let reading = tokio::task::spawn_blocking(move || subscriber.run(ready));
         if listens.await.is_err() {
             reading.await??;
-            bail!("the subscriber ended before it listened");
+            bail!("the subscriber ended before it was connected");
         }
         let begun = now();
         let fed = tokio::task::spawn_blocking(move || feed.run()).await?.context("the feeder")?;

@@ -25,8 +25,8 @@ const LEAD_NS: u64 = 20_000_000;
 pub enum Pace {
     /// At the rig's rate, by the clock.
     RealTime,
-    /// As fast as poses come, of which each is told through this channel; the first is exposed at this instant of the
-    /// past, the others a period after each other.
+    /// As fast as poses arrive, each of which is announced through this channel; the first is exposed at this past
+    /// instant, the others a period apart.
     AtSpeed(Credits<()>, Nanos),
 }
 

@@ -91,7 +91,7 @@ fn histogram(text: &str) -> anyhow::Result<Durations> {
         };
         (0..count).for_each(|_| late.note(us * 1_000, 0));
     }
-    anyhow::ensure!(late.count() > 0, "cyclictest told no wake-up");
+    anyhow::ensure!(late.count() > 0, "cyclictest reported no wake-up");
     Ok(late)
 }
 

@@ -55,8 +55,8 @@ fn setup(report: &Report) -> Section {
         ("floor by", report.floor_tool.clone()),
     ];
     let text = "The poses of two instruments and of the eye, six degrees of freedom each, from the blobs of \
-                synthetic cameras: where everything is is known. Tracker, feeder, subscriber and the thread of the \
-                floor are in one scheduling class, the clock of all is CLOCK_MONOTONIC.";
+        synthetic cameras, so the true poses are known. Tracker, feeder, subscriber and the thread of the \
+                floor are in one scheduling class, all use CLOCK_MONOTONIC.";
     Section {
         heading: "System and conditions",
         text: text.into(),
@@ -94,7 +94,7 @@ fn latency(report: &Report) -> Section {
     let mut rows = vec![
         figures("**last blobs sent → poses read**", &report.latency),
         figures("wake-up floor, before", &report.floor[0]),
-        figures("wake-up floor, afterwards", &report.floor[1]),
+        figures("wake-up floor, after", &report.floor[1]),
     ];
     rows.extend(report.parts.iter().map(|(name, of)| figures(name, of)));
     rows.push(figures("middle of the exposure → poses read", &report.from_exposure));
@@ -118,7 +118,7 @@ fn drops(report: &Report) -> Section {
         if fast.asked > fast.losses.triples {
             let _ = write!(
                 text,
-                " Of {} that were asked for, as many as fit between the machine's start and now.",
+                " {} were requested; these are as many as fit between the machine's start and now.",
                 fast.asked
             );
         }
@@ -165,8 +165,8 @@ fn motion(report: &Report) -> Section {
 
 fn limits() -> Section {
     let text = "This page has the form of ASTM E3124, not its apparatus: no artefact was moved before real cameras. \
-                Exposure, read-out and extraction of blobs, the simulation and the display are outside of what was \
-                measured (vitreo run --report has them).";
+                Exposure, read-out and extraction of blobs, the simulation and the display are not part of \
+                this measurement (vitreo run --report has them).";
     Section { heading: "What this is not", text: text.into(), table: Table { header: vec![], rows: vec![] } }
 }
 

@@ -134,7 +134,7 @@ fn judge(what: &'static str, none: &str, devices: &[Device]) -> Check {
         return Check::ok(what, none);
     }
     let title = |d: &Device| {
-        let closed = if d.mend.is_some() { ", not for this user" } else { "" };
+        let closed = if d.mend.is_some() { ", no access for this user" } else { "" };
         format!("{} ({}{closed})", d.path.display(), d.name)
     };
     let found = devices.iter().map(title).collect::<Vec<_>>().join(", ");
@@ -209,7 +209,8 @@ B: KEY=7cdb000000000000 0 0 0 0
         let check = judge("cameras", "none", &[open.clone(), closed]);
         assert_eq!(check.state, State::Warn);
         assert!(
-            check.mend.unwrap().contains("usermod -aG video") && check.found.contains("not for this user")
+            check.mend.unwrap().contains("usermod -aG video")
+                && check.found.contains("no access for this user")
         );
         assert_eq!(judge("cameras", "none", &[open]).found, "/dev/video0 (Cam)");
         assert_eq!(judge("cameras", "none", &[]).found, "none");

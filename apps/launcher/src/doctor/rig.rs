@@ -84,7 +84,7 @@ fn cameras(run: &RunArgs, rig: Option<&Rig>) -> Vec<Check> {
         Some(Cameras::Streams(streams)) => {
             let check = |s: &Stream| match s.kind.has_path() {
                 true => usable(NAME, &s.path, Access::READ_OK),
-                false => Check::ok(NAME, format!("{s}: `vitreo cameras --list` says whether it answers")),
+                false => Check::ok(NAME, format!("{s}: `vitreo cameras --list` shows whether it answers")),
             };
             let mut checks: Vec<Check> = streams.0.iter().map(check).collect();
             let needed = rig.map_or(streams.0.len(), |rig| rig.cameras.len());
@@ -146,11 +146,11 @@ const DISPLAY: &str = "run it in the session of the machine's display (docs/inst
 fn usable(name: &'static str, path: &Path, wanted: Access) -> Check {
     let shown = path.display();
     if !path.exists() {
-        return Check::fail(name, format!("{shown} is not there"), "connect it, or name another");
+        return Check::fail(name, format!("{shown} does not exist"), "connect it, or name another");
     }
     match access(path, wanted) {
         Ok(()) => Check::ok(name, shown.to_string()),
-        Err(_) => Check::fail(name, format!("{shown} is not for this user"), remedy(path)),
+        Err(_) => Check::fail(name, format!("{shown}: this user has no access"), remedy(path)),
     }
 }
 

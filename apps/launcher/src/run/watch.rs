@@ -80,10 +80,10 @@ mod tests {
             finding("no fields come from camera 1", "fields of camera 1"),
             finding("no fields come from camera 11", "fields of camera 11"),
             finding("camera 2 sees no markers", "picture of camera 2"),
-            finding("camera 1 is used where the others see it", "place of camera 1"),
+            finding("camera 1 is used at a place estimated from the others", "place of camera 1"),
         ];
         let trouble =
-            finding("camera 1 is closed by its writer; camera 2 shows nothing but black", "cameras");
+            finding("camera 1 was closed by its writer; camera 2 delivers only black pictures", "cameras");
         say_for_themselves(trouble, &mut found);
         let subjects: Vec<&str> = found.iter().map(|f| &*f.subject).collect();
         assert_eq!(subjects, ["fields of camera 11", "place of camera 1", "cameras"]);

@@ -64,7 +64,7 @@ impl Keeper {
     fn tell(&mut self, kept: io::Result<()>) {
         if let (Err(problem), false) = (kept, self.told) {
             self.told = true;
-            tracing::warn!("the script cannot be kept, a restart would begin it anew: {problem}");
+            tracing::warn!("the script's state cannot be saved, so a restart would start it over: {problem}");
         }
     }
 }

@@ -32,7 +32,7 @@ const DEAF_NS: u64 = 5_000_000_000;
 
 /// Notes on the state.
 const WAITING: &str = "waiting for a writer";
-const SILENT: &str = "no camera-field comes";
+const SILENT: &str = "no camera-field arrives";
 
 /// The stream, and the reports on it.
 pub(super) struct Live {
@@ -93,7 +93,7 @@ impl Live {
                 Got::Came => {
                     self.heard_ns = at;
                     self.stream.writer_came();
-                    message(Level::INFO, &format!("a writer is there on {}", self.inlet.name()));
+                    message(Level::INFO, &format!("a writer is connected on {}", self.inlet.name()));
                 }
                 Got::Bytes(bytes) => {
                     self.heard_ns = at;
@@ -101,12 +101,12 @@ impl Live {
                 }
                 Got::TurnedAway(who) => {
                     self.stream.counts().turned_away += 1;
-                    let text = format!("{}: {who} was turned away, one writer at a time", self.inlet.name());
+                    let text = format!("{}: {who} was rejected: one writer at a time", self.inlet.name());
                     self.ears.complain(text, at);
                 }
                 Got::Gone => {
                     self.stream.writer_gone(at, |heard| self.ears.hear(rig, heard, at))?;
-                    message(Level::WARN, &format!("the writer on {} has gone", self.inlet.name()));
+                    message(Level::WARN, &format!("the writer on {} has disconnected", self.inlet.name()));
                     self.wait(rig)?;
                 }
                 Got::Ended => {
@@ -158,7 +158,7 @@ impl Live {
         };
         // The stream goes on without; the launcher then says less at the end.
         if let Err(problem) = ipc::write_whole_json(&self.figures, &figures) {
-            tracing::debug!("the figures of the stream are not left: {problem}");
+            tracing::debug!("the statistics of the stream cannot be written: {problem}");
         }
         figures
     }
@@ -190,7 +190,7 @@ impl Ears {
     fn put_out(&mut self, rig: &mut VirtualRigShell, field: &mut BlobField, at: Nanos) -> Result<()> {
         if let Some(silent_ns) = self.silence.note(at) {
             let seconds = silent_ns as f64 * 1e-9;
-            message(Level::INFO, &format!("camera-fields come again, after {seconds:.1} s"));
+            message(Level::INFO, &format!("camera-fields arrive again after {seconds:.1} s"));
         }
         if rig.timeline.is_paused() {
             self.in_pauses += 1;

@@ -191,11 +191,11 @@ impl VirtualRigShell {
         if missed > 0 {
             // The first of them.
             let field = simulation.schedule.0[group].next - missed;
-            tracing::debug!(field, fields = missed, "the machine is too slow: fields are left out");
+            tracing::debug!(field, fields = missed, "the machine is too slow: fields are skipped");
             self.shell.report.lost += missed * simulation.schedule.0[group].cameras.len() as u64;
             simulation.in_time = 0;
             if state == STATE_RUNNING {
-                self.enter(STATE_DEGRADED, "machine too slow: fields are left out")?;
+                self.enter(STATE_DEGRADED, "machine too slow: fields are skipped")?;
             }
         } else {
             simulation.in_time += 1;

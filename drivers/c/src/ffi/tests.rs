@@ -44,7 +44,7 @@ fn what_is_sent_arrives_and_what_makes_no_sense_is_refused_in_words() {
         assert_eq!(vitreo_send_blobs(driver, &blobs(), size), 0);
         assert_eq!(vitreo_send_blobs(driver, null(), size), Code::Null as i32);
         assert_eq!(vitreo_send_blobs(driver, &blobs(), size - 8), Code::Size as i32);
-        assert!(words().contains("BlobField") && words().contains("compile it again"), "{}", words());
+        assert!(words().contains("BlobField") && words().contains("recompile this program"), "{}", words());
         let odd = BlobField { parity: 9, ..blobs() };
         assert_eq!(vitreo_send_blobs(driver, &odd, size), Code::Invalid as i32);
         assert_eq!(words(), "BlobField.parity: expected 0 or 1, or 2 of a whole frame, found 9");

@@ -137,7 +137,7 @@ impl LiveStream {
         }
     }
 
-    /// The field of a line, as far as the line alone tells.
+    /// The field of a line, as far as the line alone determines it.
     fn read(&self, number: u64, line: Result<&[u8], TooLong>) -> Result<BlobField, String> {
         let refuse = |problem: String| {
             BlobStreamError::Line { file: self.name.clone(), line: number, problem }.to_string()

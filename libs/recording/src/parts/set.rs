@@ -38,7 +38,7 @@ impl Found {
         match opened {
             Ok(opened) => match opened.part.clone() {
                 Some(part) => (Found { number: part.number, path, opened: Ok((opened, part)) }, None),
-                None => (Found { number, path, opened: Err("is a recording of its own".into()) }, None),
+                None => (Found { number, path, opened: Err("is a separate recording".into()) }, None),
             },
             Err(error) => (Found { number, opened: Err(told(&error)), path }, Some(error)),
         }
@@ -93,13 +93,13 @@ fn refuse_strangers(found: &mut [Found], first: usize) {
         let Ok((opened, own)) = &part.opened else { continue };
         let name = part.path.display().to_string();
         let problem = if own.set != set {
-            Some(format!("is a part of another recording than {path}"))
+            Some(format!("belongs to another recording than {path}"))
         } else if let Some(difference) = provenance.difference(&opened.provenance) {
-            Some(format!("is no part of the recording that {path} is of: their {difference} differ"))
+            Some(format!("belongs to another recording than {path}: their {difference} differ"))
         } else {
             seen.insert(own.number, name.clone()).map(|other| {
                 seen.insert(own.number, other.clone());
-                format!("holds part {} again, which is {other}", own.number)
+                format!("holds part {}, as does {other}", own.number)
             })
         };
         if let Some(problem) = problem {

@@ -272,7 +272,7 @@ fn foreign_damaged_empty_and_doubled_parts_are_told() {
     // A file of its own is none of the parts.
     Writer::create(&part_file(&base, 6), &provenance("r")).unwrap().finish().unwrap();
     let (_, first) = problems(&Recording::open(&base).unwrap());
-    assert!(first.contains("run.0006.mcap: is a recording of its own"), "{first}");
+    assert!(first.contains("run.0006.mcap: is a separate recording"), "{first}");
     assert_eq!(whole_of(&part_file(&base, 6)), None);
     assert_eq!(whole_of(&second), Some(base.clone()));
     fs::remove_file(part_file(&base, 6)).unwrap();

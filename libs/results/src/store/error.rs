@@ -42,7 +42,8 @@ pub enum StoreError {
     },
     /// Its bytes are not those that were written.
     #[error(
-        "results store {file}: damaged: {problem}; it is left as it is. `vitreo results add NAME RECORDING… --store NEW.sqlite` keeps its attempts anew from their recordings"
+        "results store {file}: damaged: {problem}; it is left unchanged. `vitreo results add NAME \
+         RECORDING… --store NEW.sqlite` makes a new store of its attempts from their recordings"
     )]
     Damaged {
         /// The file.
@@ -52,7 +53,8 @@ pub enum StoreError {
     },
     /// An attempt is not what was kept.
     #[error(
-        "results store {file}: attempt {id} of {trainee} is damaged: {problem}; `vitreo results delete {trainee} --attempt {id}` removes it, `vitreo results add` keeps it anew from its recording"
+        "results store {file}: attempt {id} of {trainee} is damaged: {problem}; `vitreo results delete \
+         {trainee} --attempt {id}` removes it, `vitreo results add` adds it again from its recording"
     )]
     Attempt {
         /// The file.

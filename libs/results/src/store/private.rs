@@ -1,12 +1,12 @@
 //! What other users may do with a store and the recordings beside it: nothing. Files of older versions
-//! could be read by everybody; what is mended is said. Somebody else's file stays as it is, and one on a
+//! could be read by every user; every correction is logged. Another user's file stays as it is, and one on a
 //! read-only disk.
 
 use std::fs::{Permissions, set_permissions};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
-/// Takes from others what they may do with a store; says so where they could.
+/// Removes the permissions of other users on a store; returns a message where they had any.
 pub(super) fn mend_file(path: &Path) -> Option<String> {
     mend(path).then(|| {
         format!("results store {}: it was open to other users and is yours alone now", path.display())

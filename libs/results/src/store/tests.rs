@@ -422,7 +422,7 @@ fn a_truncated_store_is_refused_at_every_length() {
         let Err(error) = output(&path) else { panic!("{length} bytes of {} are taken", whole.len()) };
         let named = error.contains("damaged") || error.contains("no database");
         assert!(named && error.contains("results.sqlite"), "{length}: {error}");
-        assert_eq!(std::fs::read(&path).unwrap(), whole[..*length], "it is left as it is");
+        assert_eq!(std::fs::read(&path).unwrap(), whole[..*length], "it is left unchanged");
     }
     println!("{} lengths of {} bytes refused", lengths.len(), whole.len());
 }

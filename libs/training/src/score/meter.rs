@@ -69,7 +69,7 @@ struct Contact {
     inside_sigmas: f64,
     /// Where it went into the retina, if it did: in the macula.
     macula: bool,
-    /// Where it was told last, mm.
+    /// Where it was reported last, mm.
     at: Vector3<f64>,
 }
 
@@ -314,7 +314,7 @@ impl Meter {
         }
     }
 
-    /// A pause, or another gap so long that the simulation stood still: it is no part of the
+    /// A pause, or another gap long enough that the simulation stood still: it is no part of the
     /// attempt.
     fn skip_gap(&mut self, gap_ns: u64) {
         let clocks = self.out_ns.iter_mut().chain([&mut self.begun_ns, &mut self.off_path_ns]);

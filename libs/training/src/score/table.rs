@@ -128,8 +128,9 @@ metrics! {
         "sum of the times from event 114 to event 115 (or the end) / time of the attempt; only tasks with a path";
     Time = Efficiency, "time", "time", "× the plan's", 12.0, 1.3 => 3.0,
         "time of the attempt / par_s of the task; an attempt that is not finished gets no points";
-    Way = Efficiency, "way", "way of the tips", "× the plan's", 8.0, 1.25 => 3.0,
-        "sum over both instruments of the way of the smoothed tip (two time constants of 0.1 s, one after the other) in the \
+    Way = Efficiency, "way", "path length of the tips", "× the plan's", 8.0, 1.25 => 3.0,
+        "sum over both instruments of the path length of the smoothed tip (two time constants of 0.1 s, one \
+         after the other) in the \
          eye / (par_mm of the task × goals reached)";
     Tremor = Instruments, "tremor", "tremor", "µm RMS", 6.0, 30.0 => 120.0,
         "root of the mean square of the tip in the eye, all axes together, between 6 and 14 Hz (Butterworth, 4 poles at each \

@@ -64,7 +64,7 @@ impl GoalState {
         self.tenths
     }
 
-    /// Nothing moved for so long.
+    /// How long nothing has moved.
     pub(super) fn skip_gap(&mut self, gap_ns: u64) {
         let clocks = [&mut self.since_ns, &mut self.outside_ns];
         clocks.into_iter().filter(|since| **since > 0).for_each(|since| *since += gap_ns);

@@ -117,7 +117,7 @@ fn a_scene() -> SceneHeader {
 }
 
 /// Validates a block; `then` gets it where it passes. What takes long is done for one in 1024
-/// blocks, told by its bytes, so that an input always does the same.
+/// blocks, derived from its bytes, so that an input always does the same.
 fn take<M: Message>(bytes: &[u8], then: impl FnOnce(&M, bool)) {
     if bytes.len() != size_of::<M>() {
         return;
@@ -128,7 +128,7 @@ fn take<M: Message>(bytes: &[u8], then: impl FnOnce(&M, bool)) {
         let sum = words.fold(0u64, |sum, word| sum ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         then(&block, sum >> 54 == 0);
     } else {
-        // The reason is told in messages.
+        // The reason is shown in messages.
         black_box(block.validate().map_err(|e| e.field).err());
     }
 }

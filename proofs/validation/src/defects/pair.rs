@@ -138,7 +138,7 @@ fn fields(recipe: &Recipe, defect: &Defect, rig: &Rig, clean: &[BlobField]) -> V
     fields
 }
 
-/// The rig that is told: with the defect where it is planted there.
+/// The rig that is given: with the defect where it is planted there.
 fn told_rig(defect: &Defect, rig: &Rig) -> Rig {
     let mut told = rig.clone();
     match *defect {
@@ -161,7 +161,7 @@ fn told_rig(defect: &Defect, rig: &Rig) -> Rig {
     told
 }
 
-/// The rig as it is, where another is told.
+/// The true rig, where another is given.
 fn real_rig(defect: &Defect, rig: &Rig) -> Rig {
     let mut real = rig.clone();
     match *defect {

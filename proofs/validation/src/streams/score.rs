@@ -18,7 +18,7 @@ pub struct Tracked {
     pub frames: Vec<TrackerFrame>,
     /// When each was there, ns.
     out_ns: Vec<u64>,
-    /// What it told of cameras, with the instant in s.
+    /// What it reported about cameras, with the instant in s.
     pub notices: Vec<(f64, Notice)>,
 }
 

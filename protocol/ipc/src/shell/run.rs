@@ -25,7 +25,7 @@ pub trait Work<E> {
     /// Rests until there may be work, by [`Shell::rest`] or [`Shell::rest_to`], or not at all.
     fn rest(&mut self);
 
-    /// The process slept so long before this turn ([`crate::awake`]), ns: what has come since is past.
+    /// How long the process slept before this turn ([`crate::awake`]), ns: what arrived meanwhile is outdated.
     /// Returns how many fields it passed over for that, which is logged.
     ///
     /// # Errors
@@ -71,14 +71,14 @@ impl Served {
             (Served::Refused(why), _) => Some(why),
             // What is asked of one process alone.
             (Served::NothingToDo, Command::Snapshot | Command::Next | Command::Help) => {
-                Some(format!("has nothing to do for '{command:?}'").to_lowercase())
+                Some(format!("does not support the command '{command:?}'").to_lowercase())
             }
             _ => None,
         }
     }
 }
 
-/// Runs a process that is ready: tells its first state, that it is at work, then takes turns until a request, a signal
+/// Runs a process that is ready: reports its first state, running, then takes turns until a request, a signal
 /// or the process itself ([`Shell::stop`]) stops it; then leaves its part of the trace.
 ///
 /// # Errors

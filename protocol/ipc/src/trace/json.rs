@@ -16,7 +16,7 @@ use std::io::{self, Write};
 const SAME_FIELD_NS: u64 = 1_000_000_000;
 /// Tracks of the graphics device have ids that no thread of Linux has.
 const GPU_TRACK: u64 = 1 << 23;
-/// Flows of a field number that came again are told apart by this much.
+/// Offset that distinguishes the flows of a field number that came again.
 const NEXT_ROUND: u64 = 1 << 40;
 
 /// A process whose spans are not there.
@@ -36,7 +36,7 @@ impl Missing {
         let [from_s, to_s] = self.from_to.map(|at| at.saturating_sub(origin) as f64 * 1e-9);
         let name = self.process.name();
         format!(
-            "{name} (process {}) ended without leaving its spans, from {from_s:.1} to {to_s:.1} s",
+            "{name} (process {}) ended without writing its spans, from {from_s:.1} to {to_s:.1} s",
             self.pid
         )
     }

@@ -79,10 +79,10 @@ impl TracePart {
         let Some(process) = Process::from_wire(head.process) else { return damaged("it names no process") };
         let spans = spans.chunks_exact(size_of::<Span>());
         if head.count > MAX_SPANS || spans.len() as u64 != head.count || !spans.remainder().is_empty() {
-            return damaged("it is not whole");
+            return damaged("it is incomplete");
         }
         if head.recorded < head.count {
-            return damaged("it has more spans than ever were");
+            return damaged("it has more spans than were recorded");
         }
         let spans = spans.map(pod_read_unaligned).collect();
         Ok(TracePart { process, pid: head.pid, recorded: head.recorded, spans })
@@ -128,7 +128,7 @@ pub fn take_all(directory: &Path) -> io::Result<Vec<TracePart>> {
         let part = fs::read(&path).map_err(PartError::from).and_then(|bytes| TracePart::parse(&bytes));
         match part {
             Ok(part) => parts.push(part),
-            Err(problem) => tracing::debug!("{} is no part of a trace: {problem}", path.display()),
+            Err(problem) => tracing::debug!("{} is not a part of a trace: {problem}", path.display()),
         }
         let _ = fs::remove_file(&path);
     }

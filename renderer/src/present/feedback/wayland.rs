@@ -68,7 +68,7 @@ impl Presentation {
         queue.roundtrip(&mut answers).map_err(|e| e.to_string())?;
         let told = answers.clock.ok_or("the compositor names no clock")?;
         let clock = CLOCKS.iter().find(|(number, _)| *number == told).map(|(_, clock)| *clock);
-        let clock = clock.ok_or_else(|| format!("the compositor counts by clock {told}"))?;
+        let clock = clock.ok_or_else(|| format!("the compositor uses clock {told}"))?;
         Ok(Presentation { connection, queue, answers, presentation, surface, clock })
     }
 
@@ -81,7 +81,7 @@ impl Presentation {
 
     /// Hands on what the compositor answered.
     pub fn take_answers(&mut self, mut answer: impl FnMut(Answer)) {
-        // A connection that is gone is the window's to tell.
+        // A lost connection is reported by the window.
         let _ = self.queue.dispatch_pending(&mut self.answers);
         // The clocks drift apart slowly; an answer is some milliseconds old.
         let ahead = nanos(self.clock).wrapping_sub(nanos(ClockId::Monotonic));

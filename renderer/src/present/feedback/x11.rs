@@ -45,7 +45,7 @@ impl Present {
 
     /// Hands on what the server has completed.
     pub fn take_answers(&mut self, mut answer: impl FnMut(Answer)) {
-        // A connection that is gone is the window's to tell.
+        // A lost connection is reported by the window.
         while let Ok(Some(event)) = self.connection.poll_for_event() {
             if let Event::PresentCompleteNotify(done) = event
                 && done.kind == CompleteKind::PIXMAP

@@ -30,7 +30,7 @@ impl Zcoll {
         match ask(self.gpu.as_mut()?) {
             Ok(answer) => Some(answer),
             Err(error) => {
-                tracing::warn!("collision goes on on the processor: {error}");
+                tracing::warn!("collision continues on the processor: {error}");
                 self.gpu = None;
                 None
             }

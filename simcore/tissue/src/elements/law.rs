@@ -7,7 +7,7 @@
 
 use nalgebra::{Matrix2, Matrix3};
 
-/// Smallest area ratio of a triangle that the neo-Hookean law tells apart: keeps 1/det C finite.
+/// Smallest area ratio of a triangle that the neo-Hookean law distinguishes: keeps 1/det C finite.
 const LEAST_DET: f64 = 1e-4;
 
 /// A membrane under plane stress.

@@ -217,7 +217,7 @@ impl Retina {
     }
 
     /// True if a node gives way to what is missing: one on the choroid cannot downwards. One
-    /// nanometre tells lying from hovering.
+    /// nanometre separates lying from hovering.
     fn yields(&self, state: &RetinaState, node: u32, missing_mm3: f64) -> bool {
         let lies = missing_mm3 < 0.0 && at(&state.sheet, node).norm() >= self.figures.radius_mm - 1e-6;
         state.sheet.flag[node as usize] == NODE_FREE && !lies

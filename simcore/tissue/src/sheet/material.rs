@@ -70,7 +70,8 @@ pub struct Material {
 /// The tissue would need steps too short to be computed in time.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error(
-    "a substep of {substep_ms} ms is unstable, and would be in {limit} parts; stiffness over node mass is too large \
+    "a substep of {substep_ms} ms is unstable, and would be split into {limit} parts; stiffness over node \
+     mass is too large \
      (λ ≤ {lambda_per_s2:e} 1/s², δ ≤ {delta_per_s:e} 1/s), or explicit Euler lacks damping"
 )]
 pub struct Unstable {

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 /// How far a jet of dye colours, mm: a heavy dye sinks onto the macula and spreads over it.
 pub const REACH_MM: f64 = 2.5;
-/// A node right before the needle is coloured fully after so long, s, with the foot fully pressed.
+/// A node right before the needle is coloured fully after this time, s, with the foot fully pressed.
 const FULL_S: f64 = 0.6;
 /// Full dye: so fine that a short, weak jet at the end of its reach counts too.
 const FULL: u16 = u16::MAX;

@@ -28,9 +28,9 @@ pub struct VitreousState {
     pub removed: u64,
     /// Elements that came off the retina since the start.
     pub released: u64,
-    /// Milestones of the removed volume that were told.
+    /// Milestones of the removed volume that were reported.
     pub milestones: u64,
-    /// No detachment is told before this exposure, ns.
+    /// No detachment is reported before this exposure, ns.
     pub quiet_until_ns: u64,
     /// The warning about traction is out.
     pub warned: bool,
@@ -141,15 +141,15 @@ pub fn check(lattice: &Lattice, state: &VitreousState) -> Result<(), &'static st
     let beyond = lattice.rows.len() % 64;
     let awake_ok = beyond == 0 || state.awake.iter().all(|a| a[words - 1] >> beyond == 0);
     if !unused_ok || !known || !balanced || !awake_ok {
-        return Err("the elements of the vitreous do not add up");
+        return Err("the counts of the vitreous's elements do not add up");
     }
     let walls = |e: usize| lattice.walls.binary_search_by_key(&(e as u32), |w| w.element).is_ok();
     let adhered = numbers.clone().filter(|&e| state.is_adhered(e));
     if state.cursor as usize > lattice.rows.len() || state.parity > 1 {
-        return Err("the vitreous relaxes beyond its rows");
+        return Err("the vitreous: its next row to relax is out of range");
     }
     if adhered.into_iter().any(|e| state.shift(e) != [0; 3] || !walls(e)) {
-        return Err("an element of the vitreous has left the retina it holds to");
+        return Err("an element of the vitreous is attached to the retina and away from it");
     }
     let places = numbers.filter(|&e| state.is_alive(e)).map(|e| state.place_um(lattice, e));
     if !places.into_iter().all(|p| lattice.is_inside(p)) || broken_link(lattice, state).is_some() {

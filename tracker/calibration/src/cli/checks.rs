@@ -58,8 +58,8 @@ pub fn remarks(found: &Calibrated, sheets: &[TargetView]) -> Vec<String> {
         let far: Vec<_> = own.filter(|r| r.error.norm() > limit).collect();
         let worst = far.iter().max_by(|a, b| a.error.norm().total_cmp(&b.error.norm()))?;
         Some(format!(
-            "{}: {} of {} points lie elsewhere than their dots or corners, the worst at {:.0}, {:.0} by {:.1} px: are they \
-             reflections, or other dots? They count little",
+            "{}: {} of {} points lie elsewhere than their dots or corners, the worst at {:.0}, {:.0} by \
+             {:.1} px: are they reflections, or other dots? Their weight is reduced",
             sheet.name,
             far.len(),
             sheet.samples.len(),

@@ -35,7 +35,7 @@ pub struct StreamArgs {
     pub instants: usize,
 }
 
-/// Systematic shift of a camera's image that is tolerated where nothing else is said, px. Balls
+/// Systematic shift of a camera's image that is tolerated by default, px. Balls
 /// seen aside of the axis are not centred on their centre's image: that alone makes 0.025 px in a
 /// rig that holds.
 pub const LIMIT_PX: f64 = 0.05;
@@ -202,7 +202,7 @@ fn nothing_written(
     Ok(ExitCode::from(DIFFERS))
 }
 
-/// What a refined rig is told of.
+/// Notes on a refined rig.
 pub fn waved_report(rig: &Rig, found: &SelfCalibration, drifted: bool) -> Report {
     let cameras = found.bundle.cameras.iter().zip(&found.sigmas).enumerate();
     let mut report = Report {
@@ -234,7 +234,7 @@ pub fn waved_report(rig: &Rig, found: &SelfCalibration, drifted: bool) -> Report
             .into(),
     );
     if !found.weakly_observed.is_empty() {
-        report.notes.push(format!("the stream tells little about: {}", found.weakly_observed.join(", ")));
+        report.notes.push(format!("the stream hardly determines: {}", found.weakly_observed.join(", ")));
     }
     if !drifted {
         report.notes.push("the residuals show no drift: the rig as it was is as good".into());

@@ -44,7 +44,7 @@ impl Path {
         Some(Path { turned, points: points? })
     }
 
-    /// The body so long after the stretch's begin; beyond its ends the last intervals go on.
+    /// The body at a time after the stretch's start; beyond its ends the last intervals go on.
     pub fn at(&self, t_s: f64, interval_s: f64) -> Moving {
         let along = t_s / interval_s;
         let first = (along.floor().max(0.0) as usize).min(self.points.len() - 4);

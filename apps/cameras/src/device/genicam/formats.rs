@@ -38,7 +38,11 @@ pub(super) fn choose(camera: &aravis::Camera, format: PixelFormat) -> Result<Pac
     let (packing, name) = best(&offered, format).ok_or_else(|| {
         let wanted = Packing::wanted(format).iter().flat_map(|p| names(*p)).copied();
         let wanted = wanted.collect::<Vec<_>>().join(", ");
-        anyhow!("delivers {}; the rig says {}, which is {wanted}", offered.join(", "), format.name())
+        anyhow!(
+            "delivers {}; the rig's format is {}, which needs {wanted}",
+            offered.join(", "),
+            format.name()
+        )
     })?;
     camera.set_pixel_format_from_string(name).map_err(refused)?;
     Ok(packing)

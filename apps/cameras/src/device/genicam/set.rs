@@ -14,10 +14,10 @@ pub(super) fn all(camera: &aravis::Camera, wanted: &Wanted) -> Result<String> {
     let mut texts = Vec::new();
     if let Some(us) = wanted.exposure_us {
         let has = camera.is_exposure_time_available().unwrap_or(false);
-        ensure!(has, "has no exposure that can be set: leave exposure_us away");
+        ensure!(has, "has no adjustable exposure: omit exposure_us");
         if camera.is_exposure_auto_available().unwrap_or(false) {
             camera.set_exposure_time_auto(Auto::Off).map_err(refused)?;
-            texts.push("exposure by hand".into());
+            texts.push("manual exposure".into());
         }
         let us = f64::from(us);
         within("exposure_us", us, camera.exposure_time_bounds().map_err(refused)?)?;
@@ -27,10 +27,10 @@ pub(super) fn all(camera: &aravis::Camera, wanted: &Wanted) -> Result<String> {
     }
     if let Some(gain) = wanted.gain {
         let has = camera.is_gain_available().unwrap_or(false);
-        ensure!(has, "has no gain that can be set: leave gain away");
+        ensure!(has, "has no adjustable gain: omit gain");
         if camera.is_gain_auto_available().unwrap_or(false) {
             camera.set_gain_auto(Auto::Off).map_err(refused)?;
-            texts.push("gain by hand".into());
+            texts.push("manual gain".into());
         }
         let gain = f64::from(gain);
         within("gain", gain, camera.gain_bounds().map_err(refused)?)?;
@@ -62,9 +62,7 @@ pub(super) fn settable(camera: &aravis::Camera) -> Option<String> {
 fn line(camera: &aravis::Camera) -> Result<String> {
     let sources = camera.dup_available_trigger_sources().map_err(refused)?;
     let found = sources.iter().find(|source| source.starts_with("Line"));
-    found
-        .map(ToString::to_string)
-        .ok_or_else(|| anyhow!("has no line in by which it is triggered: leave trigger away"))
+    found.map(ToString::to_string).ok_or_else(|| anyhow!("has no input line for a trigger: omit trigger"))
 }
 
 fn trigger(camera: &aravis::Camera, wanted: Trigger) -> Result<String> {
@@ -79,13 +77,13 @@ fn trigger(camera: &aravis::Camera, wanted: Trigger) -> Result<String> {
 
 /// Refuses what is out of a feature's range.
 fn within(key: &str, asked: f64, (low, high): (f64, f64)) -> Result<()> {
-    ensure!((low..=high).contains(&asked), "takes {key}={low} to {high}, found {asked}");
+    ensure!((low..=high).contains(&asked), "expected {key}={low} to {high}, found {asked}");
     Ok(())
 }
 
 /// Refuses a value that is not the one asked for.
 fn kept(key: &str, asked: f64, found: f64) -> Result<()> {
     let same = (found - asked).abs() <= SAME * asked.abs().max(1.0);
-    ensure!(same, "does not keep {key}={asked}: it says {found}");
+    ensure!(same, "did not keep {key}={asked}: it reports {found}");
     Ok(())
 }

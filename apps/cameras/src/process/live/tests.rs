@@ -148,7 +148,7 @@ fn frames_come_with_their_instants_and_what_was_lost() {
             "picture 40, first",
             "picture 41",
             "picture 42, 2 lost",
-            "refused: brings a picture that lacks packets and is left out",
+            "refused: delivered a picture that lacks packets; it is dropped",
             "picture 43, 1 lost",
         ]
     );
@@ -222,7 +222,7 @@ fn buffers_that_do_not_fit_are_refused_and_the_reader_lives_on() {
     assert_eq!(short[2], "picture 40, first, 1 lost");
     let other = words_of(&[bring(INTERLACED, 0)], 12);
     assert!(
-        other[1].contains("interlaced frames of 32×12 px; the rig wants frames of 32×16 px"),
+        other[1].contains("interlaced frames of 32×12 px; the rig expects frames of 32×16 px"),
         "{other:?}"
     );
     let failing = words_of(&[Act::Fail(22)], 16);

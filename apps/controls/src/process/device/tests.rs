@@ -91,10 +91,10 @@ fn what_cannot_be_a_pedal_is_refused_in_words() {
     let told =
         |interface, path: &Path, mapping: &str| device(interface, path, mapping).open_if_due(0).unwrap_err();
     assert!(told(PedalInterface::Hidraw, &path, "three-pedals").contains("write it into a pipe"));
-    assert!(told(PedalInterface::Evdev, &path, "analogue").contains("tells no range of ABS_Z"));
-    assert!(told(PedalInterface::Evdev, Path::new("/dev/null"), "analogue").contains("no input device"));
+    assert!(told(PedalInterface::Evdev, &path, "analogue").contains("reports no range of ABS_Z"));
+    assert!(told(PedalInterface::Evdev, Path::new("/dev/null"), "analogue").contains("not an input device"));
     let spec = PedalSpec { interface: PedalInterface::Evdev, path, mapping: None };
-    assert!(PedalDevice::new(&spec, None, true).open_if_due(0).unwrap_err().contains("name a mapping"));
+    assert!(PedalDevice::new(&spec, None, true).open_if_due(0).unwrap_err().contains("give a mapping"));
     assert_eq!(PedalDevice::new(&spec, None, false).open_if_due(0), Ok(true), "to be looked at");
 }
 

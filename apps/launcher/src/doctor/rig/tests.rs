@@ -4,7 +4,7 @@ use super::*;
 use crate::doctor::State;
 use std::fs;
 
-/// What is said of a machine with these settings.
+/// The checks of a machine with these settings.
 fn said(settings: &str, display: bool) -> Vec<Check> {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("vitreo.toml");
@@ -61,7 +61,7 @@ fn what_is_missing_is_named() {
     fs::remove_file(folder.path().join("b")).unwrap();
     let checks = said(&settings, true);
     let lost = of(&checks, "cameras")[1];
-    assert!(lost.state == State::Fail && lost.found.ends_with("/b is not there"), "{lost:?}");
+    assert!(lost.state == State::Fail && lost.found.ends_with("/b does not exist"), "{lost:?}");
     let two = settings.replace(&format!(",y4m:{}", folder.path().join("c").display()), "");
     let told = said(&two, true);
     assert!(of(&told, "cameras").last().unwrap().found.contains("2 are set, the rig has 3"), "{told:?}");

@@ -19,7 +19,7 @@ const READ_BYTES: usize = 64 << 10;
 /// The kernel's own file system of pipes without a name: whose last writer goes, has none ever after.
 const PIPEFS: u64 = 0x5049_5045;
 /// Answer to a writer that connects while another is writing.
-const BUSY: &[u8] = b"vitreo: another writer is connected, and one is heard at a time\n";
+const BUSY: &[u8] = b"vitreo: another writer is connected; only one is accepted at a time\n";
 
 /// What there was.
 #[derive(Debug)]
@@ -81,7 +81,7 @@ impl Inlet {
         self.came
     }
 
-    /// The next thing that there is. `deaf`: the present writer has been silent for so long that another
+    /// The next thing that there is. `deaf`: the present writer has been silent for long enough that another
     /// one may take its place.
     ///
     /// # Errors

@@ -7,11 +7,11 @@
 
 use protocol::time::Nanos;
 
-/// The least difference is that of the lines of so long, ns. In the first of it the guess falls at once.
+/// Window of the least difference, ns. In the first one the estimate falls at once.
 const WINDOW_NS: u64 = 2_000_000_000;
-/// The window is forgotten in so many parts.
+/// Number of parts in which the window moves on.
 const PARTS: usize = 8;
-/// A stamp so far behind an earlier one is a jump, ns.
+/// Step back of a stamp, against an earlier one, that counts as a jump, ns.
 const BACK_NS: i128 = 1_000_000_000;
 /// So much earlier than the guess allows no line arrives: the stamps have jumped ahead, ns. The same later
 /// for a whole window: they have jumped back.

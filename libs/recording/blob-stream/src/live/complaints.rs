@@ -1,8 +1,8 @@
-//! What is said of many alike: the first few each, then a count now and then.
+//! Complaints of one kind: the first few are reported singly, the others as a count now and then.
 
 use protocol::time::Nanos;
 
-/// So many are told each.
+/// Number that is reported singly.
 const EACH: u64 = 5;
 /// After that so often, ns.
 const PERIOD_NS: u64 = 1_000_000_000;
@@ -28,7 +28,7 @@ impl Complaints {
         Some(text)
     }
 
-    /// What is to be said by now of those that were not told.
+    /// The report that is due on those that were only counted.
     pub fn due(&mut self, at: Nanos) -> Option<String> {
         if at < self.told_ns.saturating_add(PERIOD_NS) { None } else { self.rest(at) }
     }

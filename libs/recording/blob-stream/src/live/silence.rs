@@ -2,7 +2,7 @@
 
 use protocol::time::Nanos;
 
-/// A stream that brings nothing for so long is silent, ns.
+/// Time without a line after which a stream is silent, ns.
 pub const SILENT_NS: u64 = 500_000_000;
 
 /// Watches that something comes.
@@ -16,7 +16,7 @@ pub struct Silence {
 }
 
 impl Silence {
-    /// Something came; returns for how long nothing had, if that was told.
+    /// Something arrived; returns the length of the silence before, if it was reported.
     pub fn note(&mut self, at: Nanos) -> Option<u64> {
         let silent_ns = self.since_last(at);
         self.longest_ns = self.longest_ns.max(silent_ns);

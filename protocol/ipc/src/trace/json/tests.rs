@@ -104,7 +104,7 @@ fn a_ring_that_was_too_small_says_from_when_on_its_spans_are_there() {
 fn a_process_that_left_nothing_is_named_with_its_time() {
     let missing = Missing { process: Process::Tracker, pid: 31, from_to: [5_500_000_000, 7_000_000_000] };
     let (events, about, _) = written(&FieldTrace { missing: vec![missing], ..run(1) });
-    let told = "tracker (process 31) ended without leaving its spans, from 0.5 to 2.0 s";
+    let told = "tracker (process 31) ended without writing its spans, from 0.5 to 2.0 s";
     assert_eq!(about["missing"], json!([told]));
     let named = |name: &str| events.iter().find(|e| e["pid"] == 31 && e["name"] == name).unwrap();
     assert_eq!(named("process_name")["args"]["name"], "tracker");

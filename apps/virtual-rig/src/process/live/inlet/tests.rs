@@ -38,7 +38,7 @@ fn a_fifo_is_opened_again_for_every_writer() {
         drop(writer);
         assert_eq!(next(&mut inlet), "Gone");
     }
-    // One that writes nothing is not told of, and keeps nobody awake.
+    // A writer that sends nothing is not reported, and wakes no thread.
     drop(File::options().write(true).open(&path).unwrap());
     (0..3).for_each(|_| assert!(matches!(inlet.next(false).unwrap(), Got::Nothing)));
     inlet.rest(|files| assert_eq!(state(files[0]).unwrap(), (false, false)));
