@@ -104,7 +104,7 @@ fn a_tracker_that_slept_passes_over_what_it_missed() {
     });
     drop((blobs, poses));
     let told = run.end([100, 100]);
-    assert!(told.contains("fields passed over") && told.contains("tracker sends nothing"), "{told}");
+    assert!(told.contains("fields skipped") && told.contains("tracker sends nothing"), "{told}");
 }
 
 #[test]

@@ -132,7 +132,7 @@ mod tests {
         assert_eq!(told(camera.note(closed(), 5)).as_deref(), Some("camera 1 is closed"));
         assert_eq!(told(camera.note(closed(), 6)), None);
         let back = told(camera.note(None, 2_500_000_005));
-        assert_eq!(back.as_deref(), Some("camera 1 is there again after 2.5 s"));
+        assert_eq!(back.as_deref(), Some("camera 1 is available again after 2.5 s"));
         assert_eq!((told(camera.note(closed(), 7)), told(camera.note(None, 8))), (None, None));
         assert_eq!(camera.counts[&Kind::Closed], 2);
         assert!(camera.trouble().is_none());

@@ -200,7 +200,7 @@ mod tests {
              check --board"
         );
         assert!(say(seen(middle(3), 40, 30)).contains("keep all of its corners in the picture"));
-        assert!(say(seen(middle(5), 5, 0)).contains("pictures: 5, at least 8 are needed: take 20"));
+        assert!(say(seen(middle(5), 5, 0)).contains("5 pictures, at least 8 are needed: take 20"));
         let small = (0..9).map(|v| sheet([80.0 * v as f64, 60.0 * v as f64], 30.0, v)).collect();
         assert!(say(seen(small, 9, 0)).contains("the board fills 0.2 % of the picture"), "too small");
         let left = (0..9).map(|v| sheet([10.0, 40.0 * v as f64], 260.0, v)).collect();

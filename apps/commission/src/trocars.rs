@@ -217,7 +217,7 @@ mod tests {
         flat[0] = (0..80).map(|_| shaft(truth.trocars[0].p_eye, 1)).collect();
         assert!(keep_what_is_better(&truth, &mut worse, &flat, &mut record));
         assert_eq!(worse, truth);
-        assert!(record.notes[0].contains("stays"), "{:?}", record.notes);
+        assert!(record.notes[0].contains("is kept"), "{:?}", record.notes);
     }
 
     #[test]

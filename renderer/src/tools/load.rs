@@ -287,7 +287,10 @@ mod tests {
         let without = altered(Tool::Needle, "\"accessors\":", "\"Accessors\":");
         assert!(without.contains("names an accessor that is not there"), "{without}");
         assert!(
-            load(Tool::Pick, "x.glb", b"teapot").unwrap_err().to_string().starts_with("x.glb: no glTF file")
+            load(Tool::Pick, "x.glb", b"teapot")
+                .unwrap_err()
+                .to_string()
+                .starts_with("x.glb: not a glTF file")
         );
     }
 

@@ -54,7 +54,7 @@ fn freedom(rig: &Rig, known: &PriorSigmas, judgement: &Judgement) -> Result<Free
     }
     let causes = || judgement.explanations.iter().map(|e| &e.cause);
     if causes().any(|cause| parts(rig, cause).is_none()) {
-        return Err("waved instruments cannot mend that".into());
+        return Err("waved instruments cannot correct that".into());
     }
     if causes().filter(|cause| matches!(cause, Cause::MarkerMoved { .. })).count() > 1 {
         return Err("the stream does not say which marker was moved, and tips depend on it".into());
@@ -89,8 +89,8 @@ pub fn mend(
     if held_out_px[1] >= share * held_out_px[0] {
         let [before, after] = held_out_px;
         return Ok(Mended::Nothing(format!(
-            "the refined rig predicts instants that took no part no better: {after:.3} px are left of them, {before:.3} px \
-             with the rig as it was"
+            "the refined rig predicts held-out instants no better: residuals {after:.3} px, with the previous rig \
+             {before:.3} px"
         )));
     }
     let found = Box::new(refine_stream_free(rig, fields, &free, most, progress)?);

@@ -267,7 +267,7 @@ fn foreign_damaged_empty_and_doubled_parts_are_told() {
     // The same part under another name.
     fs::write(part_file(&base, 6), &good).unwrap();
     let (count, first) = problems(&Recording::open(&base).unwrap());
-    assert!(count == 1 && first.contains("holds part 2 again"), "{first}");
+    assert!(count == 1 && first.contains("holds part 2, as does"), "{first}");
     fs::remove_file(part_file(&base, 6)).unwrap();
     // A file of its own is none of the parts.
     Writer::create(&part_file(&base, 6), &provenance("r")).unwrap().finish().unwrap();

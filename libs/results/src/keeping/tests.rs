@@ -45,7 +45,7 @@ fn a_recording_is_one_trainees_attempt() {
     assert!(other.contains("a.mcap: this recording is attempt 4 of t8"), "{other}");
     assert!(check(&[("t7".into(), 3, 4), ("t8".into(), 4, 4)]).is_err());
     let older = check(&[("t7".into(), 3, 4)]).unwrap();
-    assert!(older.len() == 1 && older[0].contains("attempt 3 of t7 by version 4"), "{older:?}");
+    assert!(older.len() == 1 && older[0].contains("also attempt 3 of t7, by version 4"), "{older:?}");
     assert!(check(&[]).unwrap().is_empty());
     let folder = tempfile::tempdir().unwrap();
     let mut store = Store::open_or_create(&folder.path().join("r.sqlite")).unwrap();

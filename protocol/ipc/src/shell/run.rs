@@ -100,7 +100,7 @@ fn take_turns<E: From<IpcError>>(work: &mut impl Work<E>) -> Result<(), E> {
         if let Some(slept_ns) = work.shell().awake.slept(woken) {
             let passed_over = work.slept(slept_ns)?;
             if passed_over > 0 {
-                tracing::warn!("slept for {:.1} s: {passed_over} fields passed over", slept_ns as f64 * 1e-9);
+                tracing::warn!("slept for {:.1} s: {passed_over} fields skipped", slept_ns as f64 * 1e-9);
             }
         }
         work.turn(woken)?;
@@ -239,7 +239,7 @@ mod tests {
         let told = fake.answers();
         let done = |seq| (seq, 0, String::new());
         assert_eq!(told[..2], [done(1), done(2)]);
-        assert_eq!(told[2], (3, 1, "tracker: has nothing to do for 'snapshot'".into()));
+        assert_eq!(told[2], (3, 1, "tracker: does not support the command 'snapshot'".into()));
         assert_eq!(told[3], (4, 1, "tracker: no such file".into()));
         assert_eq!(told[4..], [done(5), done(6)]);
     }

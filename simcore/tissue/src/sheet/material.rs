@@ -297,7 +297,7 @@ mod tests {
             assert!((f64::from(material.dt_s) * f64::from(parts) / SUBSTEP_S - 1.0).abs() < 1e-6);
         }
         let (mesh, mut material) = undamped(1e9);
-        assert!(material.split(&mesh).unwrap_err().to_string().contains("in 64 parts"));
+        assert!(material.split(&mesh).unwrap_err().to_string().contains("split into 64 parts"));
     }
 
     #[test]

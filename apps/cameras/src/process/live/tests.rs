@@ -218,7 +218,7 @@ fn buffers_that_do_not_fit_are_refused_and_the_reader_lives_on() {
     let short = [bring(INTERLACED, 100), bring(INTERLACED, 0), Act::Stop];
     let words_of = |acts: &[Act], lines| words(&told(&[Some(acts)], lines));
     let short = words_of(&short, 16);
-    assert!(short[1].contains("left out: expected 1024 bytes of samples, found 924"), "{short:?}");
+    assert!(short[1].contains("dropped: expected 1024 bytes of samples, found 924"), "{short:?}");
     assert_eq!(short[2], "picture 40, first, 1 lost");
     let other = words_of(&[bring(INTERLACED, 0)], 12);
     assert!(
