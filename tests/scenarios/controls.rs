@@ -279,7 +279,7 @@ fn devices_that_cannot_be_are_refused_in_words() {
         (&["--pedal", &format!("evdev:{none}")], 1, "none: No such file"),
         (&["--pedal", "usb:3"], 2, "expected evdev:/dev/input/eventN[,MAPPING]"),
         (&["--pedal", &slip], 1, "slip.toml: TOML parse error at line 2, column 8"),
-        (&["--pedal", &reports], 1, "the mapping keyboard-switch is of evdev:, not of hidraw:"),
+        (&["--pedal", &reports], 1, "the mapping keyboard-switch is for evdev:, not for hidraw:"),
         (&["--pedal", &plain], 1, "expected hidraw:PATH,MAPPING"),
         (&["--rig", &rig, "--cameras", "/bin/true", "--pedal", &bench.pedal()], 2, "publishes both itself"),
     ] {

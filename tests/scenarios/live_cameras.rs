@@ -217,7 +217,7 @@ fn three_pipes_are_three_cameras_and_one_that_closes_is_taken_up_again() {
         f.bodies.iter().all(|b| b.validity() == Validity::Measured) && f.used_count >= 3
     });
     middle.close();
-    let closed = observer.health(source, |h| h.state == STATE_DEGRADED && h.text().contains("is closed"));
+    let closed = observer.health(source, |h| h.state == STATE_DEGRADED && h.text().contains("was closed"));
     assert!(closed.text().starts_with("camera 1 "), "{}", closed.text());
     let without = next(&mut poses, |f| f.field > frame.field + 10 && f.used_count == 2);
     assert_ne!(without.bodies[0].validity(), Validity::Lost, "tracking continues with the others");

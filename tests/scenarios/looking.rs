@@ -86,7 +86,7 @@ fn sources_that_cannot_be_shown_are_refused_in_words() {
     for (sources, code, named) in [
         ("usb:3", 2, "v4l2:/dev/videoN"),
         ("v4l2:/dev/video0?gain=much", 2, "gain=NUMBER"),
-        (&four, 1, "expected at most 3 cameras"),
+        (&four, 1, "expected at most the rig's 3 cameras, found 4"),
         (&small, 1, "progressive pictures of 640×240 px"),
         ("/bin/true", 1, "the pictures of a program cannot be shown"),
     ] {
