@@ -19,14 +19,14 @@ pub enum BodyFilter {
 }
 
 impl BodyFilter {
-    /// The filter of a body just acquired, an instrument in that hand.
+    /// The filter of a body just acquired; `hand` is what was learnt of the hand that holds it, if it was tracked before.
     pub fn new(
         model: &BodyModel,
         pose: &Isometry3<f64>,
         covariance: &Matrix6,
         pivot: Option<Pivot>,
         time_ns: u64,
-        hand: Hand,
+        hand: Option<Hand>,
     ) -> Self {
         if model.is_eye {
             BodyFilter::Eye(EyeFilter::new(*pose, covariance, model.start, model.motion, time_ns))

@@ -79,15 +79,15 @@ pub struct InstrumentFilter {
 }
 
 impl InstrumentFilter {
-    /// An instrument just acquired at `pose`, in a hand of which something may be known. Without a pivot the shaft turns
-    /// about a free point.
+    /// An instrument just acquired at `pose`; `hand` is what was learnt before it was lost, if it was tracked before. Without
+    /// a pivot the shaft turns about a free point.
     pub fn new(
         pose: &Isometry3<f64>,
         pose_covariance: &Matrix6,
         pivot: Option<Pivot>,
         time_ns: u64,
         model: &BodyModel,
-        hand: Hand,
+        hand: Option<Hand>,
     ) -> Self {
         let tuning = model.tuning;
         let axis = pose.rotation * Vector3::z();
@@ -103,7 +103,7 @@ impl InstrumentFilter {
             roll_tremor: [[0.0; 2]; ROLL_TREMORS],
             rotation: pose.rotation,
             pivot,
-            hand,
+            hand: hand.unwrap_or_default(),
             voluntary_variance: tuning.voluntary_mm_s2 * tuning.voluntary_mm_s2,
             nis_ratio: 1.0,
             covariance: [[0.0; N]; N],
@@ -116,7 +116,7 @@ impl InstrumentFilter {
         };
         filter.vectors[0] = tip;
         filter.vectors[PLAY] = axis * lever - to_pivot;
-        filter.start_covariance(pose_covariance, &axis, lever);
+        filter.start_covariance(pose_covariance, &axis, lever, hand.is_some());
         filter.renew_cross();
         filter
     }

@@ -39,7 +39,7 @@ pub struct Track {
     frame: FrameStats,
     predictor: TipPredictor,
     /// What was learnt of the hand before the body was lost.
-    hand: Hand,
+    hand: Option<Hand>,
     /// How often the filter or the predictor was not finite and began anew.
     restarts: u64,
 }
@@ -70,7 +70,7 @@ impl Default for Track {
             last_covariance: Matrix6::identity(),
             frame: FrameStats::default(),
             predictor: TipPredictor::default(),
-            hand: Hand::default(),
+            hand: None,
             restarts: 0,
         }
     }
@@ -116,7 +116,7 @@ impl Track {
         if let Some(filter) = &self.filter {
             self.last_pose = filter.pose();
             self.last_covariance = filter.pose_covariance();
-            self.hand = filter.hand().unwrap_or(self.hand);
+            self.hand = filter.hand();
             self.filter = None;
         }
         self.seen_ns = [0; MAX_CAMERAS];
@@ -349,7 +349,8 @@ impl Track {
         if model.is_eye {
             return Ok(());
         }
-        hand.save(out)?;
+        out.put(&hand.is_some())?;
+        hand.as_ref().map_or(Ok(()), |hand| hand.save(out))?;
         predictor.save(out)
     }
 
@@ -367,7 +368,8 @@ impl Track {
         if model.is_eye {
             return Ok(());
         }
-        self.hand.load(from)?;
+        self.hand = from.take::<bool>()?.then(Hand::default);
+        self.hand.as_mut().map_or(Ok(()), |hand| hand.load(from))?;
         self.predictor.load(from)
     }
 }

@@ -41,14 +41,8 @@ impl InstrumentFilter {
     pub(crate) fn load(model: &BodyModel, from: &mut Loader<'_>) -> Result<Self, CheckpointError> {
         let time_ns = from.count()?;
         let pivot = Pivot { position: Vector3::zeros(), sigma: 0.0, tracked: false };
-        let mut filter = Self::new(
-            &Isometry3::identity(),
-            &Matrix6::zeros(),
-            Some(pivot),
-            time_ns,
-            model,
-            Hand::default(),
-        );
+        let mut filter =
+            Self::new(&Isometry3::identity(), &Matrix6::zeros(), Some(pivot), time_ns, model, None);
         filter.rotation = from.rotation()?;
         from.numbers(filter.vectors.iter_mut().flatten())?;
         let InstrumentFilter { roll_rate, roll_acceleration, voluntary_variance, nis_ratio, .. } =

@@ -29,7 +29,13 @@ impl Default for Hand {
 }
 
 impl InstrumentFilter {
-    pub(super) fn start_covariance(&mut self, pose: &Matrix6, axis: &Vector3<f64>, lever: f64) {
+    pub(super) fn start_covariance(
+        &mut self,
+        pose: &Matrix6,
+        axis: &Vector3<f64>,
+        lever: f64,
+        is_back: bool,
+    ) {
         let position: Matrix3<f64> = pose.fixed_view::<3, 3>(0, 0).into();
         let rotation: Matrix3<f64> = pose.fixed_view::<3, 3>(3, 3).into();
         let p = &mut self.covariance;
@@ -46,7 +52,7 @@ impl InstrumentFilter {
             put(PLAY, play + tilt * lever * lever + position.trace());
             put(PLAY + 1, play * k::PLAY_RAD_S * k::PLAY_RAD_S);
         }
-        self.start_movement(axis);
+        self.start_movement(axis, is_back);
         self.add_tremor(|bank, i, j| *bank.stationary(i, j));
         let p = &mut self.covariance;
         p[ROLL][ROLL] = roll;
@@ -59,15 +65,19 @@ impl InstrumentFilter {
         }
     }
 
-    /// Covariances of the voluntary movement's velocity, acceleration and lags. An instrument that is found is often one
-    /// that is put in, and that goes along its shaft.
-    fn start_movement(&mut self, axis: &Vector3<f64>) {
+    /// Covariances of the voluntary movement's velocity, acceleration and lags. An instrument that is back was put in, along
+    /// its shaft; of one that is found for the first time nothing is known.
+    fn start_movement(&mut self, axis: &Vector3<f64>, is_back: bool) {
+        let (mut across_mm_s, mut along_mm2_s4) = (k::START_SPEED_MM_S, self.voluntary_variance);
+        if is_back {
+            across_mm_s = k::START_SPEED_ACROSS_MM_S;
+            along_mm2_s4 = along_mm2_s4.max(k::START_ACCELERATION_MM_S2 * k::START_ACCELERATION_MM_S2);
+        }
         let along = axis * axis.transpose();
         let across = Matrix3::identity() - along;
-        let speed = [k::START_SPEED_MM_S, k::START_SPEED_ACROSS_MM_S].map(|s| s * s);
-        let most = self.voluntary_variance.max(k::START_ACCELERATION_MM_S2 * k::START_ACCELERATION_MM_S2);
-        let speed = along * speed[0] + across * speed[1];
-        let acceleration = along * most + across * self.voluntary_variance;
+        let speed =
+            along * (k::START_SPEED_MM_S * k::START_SPEED_MM_S) + across * (across_mm_s * across_mm_s);
+        let acceleration = along * along_mm2_s4 + across * self.voluntary_variance;
         let [b, c] = VoluntaryMotion::LAG_VARIANCES.map(|ratio| acceleration * ratio);
         for (vector, variance) in [speed, acceleration, b, c].iter().enumerate() {
             for row in 0..3 {

@@ -29,7 +29,7 @@ fn filter(tip: Vector3<f64>) -> InstrumentFilter {
         Some(pivot()),
         FIELD_NS,
         &model(),
-        Hand::default(),
+        None,
     )
 }
 
@@ -77,7 +77,7 @@ fn a_trocar_that_comes_into_sight_does_not_jerk_the_shaft() {
         None,
         FIELD_NS,
         &model(),
-        Hand::default(),
+        None,
     );
     let before = f.pose();
     f.predict(FIELD_NS + 1_000, Some(pivot()));
@@ -205,7 +205,7 @@ fn an_instrument_that_is_found_again_is_in_the_hand_that_held_it() {
         let pose = through(Vector3::zeros());
         InstrumentFilter::new(&pose, &(Matrix6::identity() * 1e-4), Some(pivot()), FIELD_NS, &model(), hand)
     };
-    let (known, unknown) = (of(held.hand()), of(Hand::default()));
+    let (known, unknown) = (of(Some(held.hand())), of(None));
     let [low, middle, high] = known.hand.tremor_variance;
     assert!(middle > 4.0 * low.max(high), "{:?}", known.hand);
     let displaced = |f: &InstrumentFilter| f.covariance[3 * TREMOR][3 * TREMOR];
