@@ -40,7 +40,8 @@ impl StepInputs {
 
 /// What a step consumed, so that whoever repeats it from a recording knows whether the recording holds the
 /// same: two senders on one channel may reach two receivers in another order, and a queue may have been full
-/// for one of them. All 0 in recordings of builds that did not compute it.
+/// for one of them. All 0 in recordings of builds that did not compute it; the hash alone is 0 where poses were tracked
+/// anew, and only numbers can be compared.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct InputsDigest {
     /// Hash of field, frame, exposure and bodies of the tracker frame, and of the handle and pedal states.
@@ -52,9 +53,19 @@ pub struct InputsDigest {
 }
 
 impl InputsDigest {
-    /// False in recordings of builds that did not compute it.
-    pub fn is_known(&self) -> bool {
-        *self != Self::default()
+    /// How many handle and pedal states were consumed; `None` in recordings of builds that did not count them.
+    pub fn taken(&self) -> Option<[u32; 2]> {
+        (*self != Self::default()).then_some([self.handles, self.pedals])
+    }
+
+    /// True where `consumed` is the same, or cannot be compared.
+    pub fn allows(&self, consumed: &InputsDigest) -> bool {
+        self.hash == 0 || self == consumed
+    }
+
+    /// Of a step that is repeated with other poses: the numbers alone.
+    pub fn without_poses(self) -> Self {
+        InputsDigest { hash: 0, ..self }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::checkpoint::{CheckpointError, Done, Loader, Saver};
 use crate::eye_filter::EyeFilter;
-use crate::instrument_filter::{InstrumentFilter, Pivot};
+use crate::instrument_filter::{Hand, InstrumentFilter, Pivot};
 use crate::lines::MotionGivenPose;
 use crate::pose_math::Matrix6;
 use crate::rig_model::BodyModel;
@@ -19,18 +19,19 @@ pub enum BodyFilter {
 }
 
 impl BodyFilter {
-    /// The filter of a body just acquired.
+    /// The filter of a body just acquired; `hand` is what was learnt of the hand that holds it, if it was tracked before.
     pub fn new(
         model: &BodyModel,
         pose: &Isometry3<f64>,
         covariance: &Matrix6,
         pivot: Option<Pivot>,
         time_ns: u64,
+        hand: Option<Hand>,
     ) -> Self {
         if model.is_eye {
             BodyFilter::Eye(EyeFilter::new(*pose, covariance, model.start, model.motion, time_ns))
         } else {
-            BodyFilter::Instrument(InstrumentFilter::new(pose, covariance, pivot, time_ns, model))
+            BodyFilter::Instrument(InstrumentFilter::new(pose, covariance, pivot, time_ns, model, hand))
         }
     }
 
@@ -64,6 +65,14 @@ impl BodyFilter {
         match self {
             BodyFilter::Eye(filter) => filter.pose_covariance(),
             BodyFilter::Instrument(filter) => filter.pose_covariance(),
+        }
+    }
+
+    /// What is learnt of the hand that holds an instrument.
+    pub fn hand(&self) -> Option<Hand> {
+        match self {
+            BodyFilter::Eye(_) => None,
+            BodyFilter::Instrument(filter) => Some(filter.hand()),
         }
     }
 

@@ -109,8 +109,13 @@ pub const EYE_ACCELERATION_RAD_S2: f64 = 0.15;
 pub const EYE_ACCELERATION_TAU_S: f64 = 0.7;
 /// Largest factor on it after a large NIS, and the time constant of its decay, s.
 pub const EYE_BOOST: (f64, f64) = (30.0, 0.3);
-/// Initial standard deviation of the velocity of an instrument, mm/s.
+/// Initial standard deviation of the velocity of an instrument, mm/s: it is put in with some 30.
 pub const START_SPEED_MM_S: f64 = 30.0;
+/// The same across the shaft of one that is found again, mm/s.
+pub const START_SPEED_ACROSS_MM_S: f64 = 10.0;
+/// Standard deviation of the voluntary acceleration along that shaft, mm/s²: at the retina it stops within some tenths of a
+/// second. Across, it is that of any movement.
+pub const START_ACCELERATION_MM_S2: f64 = 150.0;
 /// Initial standard deviation of the roll rate of an instrument, rad/s.
 pub const START_TURN_RAD_S: f64 = 1.5;
 /// Initial standard deviation of the angular velocity of the eye, rad/s.

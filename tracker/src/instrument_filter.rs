@@ -15,16 +15,17 @@
 mod adaptation;
 mod motion;
 mod saved;
+mod start;
 mod transition;
 
 use crate::block_matrix::{self, add_block, product, transpose};
 use crate::constants as k;
-use crate::motion_models::VoluntaryMotion;
 use crate::pose_math::{Matrix6, box_minus, exp};
 use crate::rig_model::BodyModel;
-use crate::tremor_bank::{self, BANDS, PAIRS, TremorBank};
+use crate::tremor_bank::{self, PAIRS, TremorBank};
 use crate::tuning::Tuning;
-use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+pub use start::Hand;
 use transition::{PLAY_MODEL, StateTransition, roll_model, roll_tremor_model, voluntary_model};
 
 /// Number of vector states: voluntary movement, tremor, play.
@@ -60,9 +61,7 @@ pub struct InstrumentFilter {
     roll_tremor: [[f64; 2]; ROLL_TREMORS],
     rotation: UnitQuaternion<f64>,
     pivot: Pivot,
-    /// Variance of the displacement of each band of the tremor, mm².
-    tremor_variance: [f64; BANDS],
-    roll_tremor_variance: [f64; ROLL_TREMORS],
+    hand: Hand,
     voluntary_variance: f64,
     /// Running ratio of the NIS to its expectation.
     nis_ratio: f64,
@@ -80,13 +79,15 @@ pub struct InstrumentFilter {
 }
 
 impl InstrumentFilter {
-    /// An instrument just acquired at `pose`. Without a pivot the shaft turns about a free point.
+    /// An instrument just acquired at `pose`; `hand` is what was learnt before it was lost, if it was tracked before. Without
+    /// a pivot the shaft turns about a free point.
     pub fn new(
         pose: &Isometry3<f64>,
         pose_covariance: &Matrix6,
         pivot: Option<Pivot>,
         time_ns: u64,
         model: &BodyModel,
+        hand: Option<Hand>,
     ) -> Self {
         let tuning = model.tuning;
         let axis = pose.rotation * Vector3::z();
@@ -102,8 +103,7 @@ impl InstrumentFilter {
             roll_tremor: [[0.0; 2]; ROLL_TREMORS],
             rotation: pose.rotation,
             pivot,
-            tremor_variance: [k::TREMOR_START_MM * k::TREMOR_START_MM; BANDS],
-            roll_tremor_variance: [k::ROLL_TREMOR_START_RAD * k::ROLL_TREMOR_START_RAD; ROLL_TREMORS],
+            hand: hand.unwrap_or_default(),
             voluntary_variance: tuning.voluntary_mm_s2 * tuning.voluntary_mm_s2,
             nis_ratio: 1.0,
             covariance: [[0.0; N]; N],
@@ -116,43 +116,9 @@ impl InstrumentFilter {
         };
         filter.vectors[0] = tip;
         filter.vectors[PLAY] = axis * lever - to_pivot;
-        filter.start_covariance(pose_covariance, &axis, lever);
+        filter.start_covariance(pose_covariance, &axis, lever, hand.is_some());
         filter.renew_cross();
         filter
-    }
-
-    fn start_covariance(&mut self, pose: &Matrix6, axis: &Vector3<f64>, lever: f64) {
-        let position: Matrix3<f64> = pose.fixed_view::<3, 3>(0, 0).into();
-        let rotation: Matrix3<f64> = pose.fixed_view::<3, 3>(3, 3).into();
-        let p = &mut self.covariance;
-        for r in 0..3 {
-            for c in 0..3 {
-                p[r][c] = 0.5 * (position[(r, c)] + position[(c, r)]);
-            }
-        }
-        let roll = (axis.transpose() * rotation * axis)[0];
-        let tilt = (rotation.trace() - roll).max(0.0);
-        let play = self.pivot.sigma * self.pivot.sigma;
-        for axis in 0..3 {
-            let mut put = |vector: usize, variance: f64| p[3 * vector + axis][3 * vector + axis] = variance;
-            put(1, k::START_SPEED_MM_S * k::START_SPEED_MM_S);
-            put(2, self.voluntary_variance);
-            for (n, ratio) in VoluntaryMotion::LAG_VARIANCES.into_iter().enumerate() {
-                put(3 + n, self.voluntary_variance * ratio);
-            }
-            put(PLAY, play + tilt * lever * lever + position.trace());
-            put(PLAY + 1, play * k::PLAY_RAD_S * k::PLAY_RAD_S);
-        }
-        self.add_tremor(|bank, i, j| *bank.stationary(i, j));
-        let p = &mut self.covariance;
-        p[ROLL][ROLL] = roll;
-        p[ROLL + 1][ROLL + 1] = k::START_TURN_RAD_S * k::START_TURN_RAD_S;
-        p[ROLL + 2][ROLL + 2] = roll_model(&self.tuning).sigma * roll_model(&self.tuning).sigma;
-        for (i, variance) in self.roll_tremor_variance.iter().enumerate() {
-            let (first, omega) = (ROLL_TREMOR + 2 * i, roll_tremor_model(i).omega);
-            p[first][first] = *variance;
-            p[first + 1][first + 1] = variance * omega * omega;
-        }
     }
 
     /// `world_from_body`.
@@ -275,7 +241,11 @@ impl InstrumentFilter {
         add_block(p, [ROLL, ROLL + 1, ROLL + 2], &roll_model(&self.tuning).noise(dt));
         for (i, f) in step.roll_tremor.iter().enumerate() {
             let first = ROLL_TREMOR + 2 * i;
-            add_block(p, [first, first + 1], &roll_tremor_model(i).noise(f, self.roll_tremor_variance[i]));
+            add_block(
+                p,
+                [first, first + 1],
+                &roll_tremor_model(i).noise(f, self.hand.roll_tremor_variance[i]),
+            );
         }
         self.add_tremor(|bank, i, j| bank.noise(&step.tremor, i, j));
     }
@@ -283,7 +253,7 @@ impl InstrumentFilter {
     /// Adds to the covariance of the tremor's states, for each two pole pairs of a band, what `of` gives for a
     /// band of variance 1.
     fn add_tremor(&mut self, of: impl Fn(&TremorBank, usize, usize) -> tremor_bank::Block) {
-        for (range, variance) in tremor_bank::ranges().zip(self.tremor_variance) {
+        for (range, variance) in tremor_bank::ranges().zip(self.hand.tremor_variance) {
             for i in range.clone() {
                 for j in range.clone() {
                     let block = of(&self.bank, i, j).map(|row| row.map(|v| v * variance));
@@ -319,6 +289,11 @@ impl InstrumentFilter {
             }
         }
         self.pose_covariance = (pose + pose.transpose()) * 0.5;
+    }
+
+    /// What it has learnt of the hand.
+    pub fn hand(&self) -> Hand {
+        self.hand
     }
 
     /// Covariance of the pose.

@@ -6,7 +6,7 @@ use crate::body_filter::BodyFilter;
 use crate::checkpoint::{Done, Loader, Saver};
 use crate::constants as k;
 use crate::fit::{BlobMatch, PoseFit};
-use crate::instrument_filter::Pivot;
+use crate::instrument_filter::{Hand, Pivot};
 use crate::observation::is_localised;
 use crate::pose_math::Matrix6;
 use crate::predictor::TipPredictor;
@@ -38,6 +38,8 @@ pub struct Track {
     last_covariance: Matrix6,
     frame: FrameStats,
     predictor: TipPredictor,
+    /// What was learnt of the hand before the body was lost.
+    hand: Option<Hand>,
     /// How often the filter or the predictor was not finite and began anew.
     restarts: u64,
 }
@@ -68,6 +70,7 @@ impl Default for Track {
             last_covariance: Matrix6::identity(),
             frame: FrameStats::default(),
             predictor: TipPredictor::default(),
+            hand: None,
             restarts: 0,
         }
     }
@@ -113,6 +116,7 @@ impl Track {
         if let Some(filter) = &self.filter {
             self.last_pose = filter.pose();
             self.last_covariance = filter.pose_covariance();
+            self.hand = filter.hand();
             self.filter = None;
         }
         self.seen_ns = [0; MAX_CAMERAS];
@@ -190,7 +194,7 @@ impl Track {
         pivot: Option<Pivot>,
     ) {
         self.lose();
-        self.filter = Some(BodyFilter::new(model, &fit.pose, &fit.covariance, pivot, time_ns));
+        self.filter = Some(BodyFilter::new(model, &fit.pose, &fit.covariance, pivot, time_ns, self.hand));
         // The χ² of a drifted rig is high from the start and decays slowly.
         let (low, high) = k::CHI2_RANGE;
         self.variance_scale = fit.reduced_chi2().unwrap_or(1.0).clamp(low, high);
@@ -333,7 +337,7 @@ impl Track {
     /// Writes all but the figures of the present frame. Nothing predicts the eye beyond its filter.
     pub(crate) fn save(&self, model: &BodyModel, out: &mut Saver<'_>) -> Done {
         let Track { filter, variance_scale, seen_ns, good_ns, measured_ns, roll_ns, .. } = self;
-        let Track { last_pose, last_covariance, frame: _, predictor, restarts, .. } = self;
+        let Track { last_pose, last_covariance, frame: _, predictor, hand, restarts, .. } = self;
         out.put(&filter.is_some())?;
         filter.as_ref().map_or(Ok(()), |filter| filter.save(out))?;
         out.numbers([variance_scale])?;
@@ -342,7 +346,12 @@ impl Track {
         }
         out.pose(last_pose)?;
         out.square(6, |r, c| last_covariance[(r, c)])?;
-        if model.is_eye { Ok(()) } else { predictor.save(out) }
+        if model.is_eye {
+            return Ok(());
+        }
+        out.put(&hand.is_some())?;
+        hand.as_ref().map_or(Ok(()), |hand| hand.save(out))?;
+        predictor.save(out)
     }
 
     /// Takes over what was saved.
@@ -356,7 +365,12 @@ impl Track {
         }
         self.last_pose = from.pose()?;
         from.square(6, |r, c, number| self.last_covariance[(r, c)] = number)?;
-        if model.is_eye { Ok(()) } else { self.predictor.load(from) }
+        if model.is_eye {
+            return Ok(());
+        }
+        self.hand = from.take::<bool>()?.then(Hand::default);
+        self.hand.as_mut().map_or(Ok(()), |hand| hand.load(from))?;
+        self.predictor.load(from)
     }
 }
 

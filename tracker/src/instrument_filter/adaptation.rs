@@ -1,7 +1,7 @@
 //! How an instrument's filter adapts its variances to what the hand does.
 
 use super::transition::roll_tremor_model;
-use super::{InstrumentFilter, ROLL_TREMOR, TREMOR};
+use super::{Hand, InstrumentFilter, ROLL_TREMOR, TREMOR};
 use crate::constants as k;
 use crate::tremor_bank;
 use nalgebra::Vector3;
@@ -18,15 +18,14 @@ impl InstrumentFilter {
             (state + variance) / 3.0
         };
         let share = (dt / self.tuning.tremor_learning_s).min(0.2);
-        let mut tremor = self.tremor_variance;
-        for (variance, range) in tremor.iter_mut().zip(tremor_bank::ranges()) {
+        let Hand { mut tremor_variance, mut roll_tremor_variance } = self.hand;
+        for (variance, range) in tremor_variance.iter_mut().zip(tremor_bank::ranges()) {
             // Displacement and quadrature: the sums of real and of imaginary parts.
             let now = 0.5 * (self.band_square(&range, 0) + self.band_square(&range, 1));
             *variance += share * (now - *variance);
             *variance = variance.clamp(k::TREMOR_RANGE_MM2.0, k::TREMOR_RANGE_MM2.1);
         }
-        let mut roll_tremor = self.roll_tremor_variance;
-        for (i, variance) in roll_tremor.iter_mut().enumerate() {
+        for (i, variance) in roll_tremor_variance.iter_mut().enumerate() {
             let (first, omega) = (ROLL_TREMOR + 2 * i, roll_tremor_model(i).omega);
             let [x, rate] = self.roll_tremor[i];
             let angle = x * x + p[first][first];
@@ -36,7 +35,7 @@ impl InstrumentFilter {
         }
         let share = (dt / self.tuning.voluntary_learning_s).min(0.2);
         let voluntary = self.voluntary_variance + share * (square(2) - self.voluntary_variance);
-        (self.tremor_variance, self.roll_tremor_variance) = (tremor, roll_tremor);
+        self.hand = Hand { tremor_variance, roll_tremor_variance };
         self.voluntary_variance = voluntary.clamp(k::VOLUNTARY_RANGE_MM2_S4.0, k::VOLUNTARY_RANGE_MM2_S4.1);
     }
 

@@ -23,7 +23,14 @@ fn model() -> BodyModel {
 }
 
 fn filter(tip: Vector3<f64>) -> InstrumentFilter {
-    InstrumentFilter::new(&through(tip), &(Matrix6::identity() * 1e-4), Some(pivot()), FIELD_NS, &model())
+    InstrumentFilter::new(
+        &through(tip),
+        &(Matrix6::identity() * 1e-4),
+        Some(pivot()),
+        FIELD_NS,
+        &model(),
+        None,
+    )
 }
 
 /// Measures a pose with the covariance `noise`.
@@ -58,8 +65,8 @@ fn the_bank_learns_where_the_tremor_is() {
         f.predict(FIELD_NS * (n + 1), Some(pivot()));
         measure(&mut f, &through(tip(n as f64 * 0.02)), &(Matrix6::identity() * 1e-6));
     }
-    let [low, middle, high] = f.tremor_variance;
-    assert!(middle > 4.0 * low.max(high), "{:?}", f.tremor_variance);
+    let [low, middle, high] = f.hand.tremor_variance;
+    assert!(middle > 4.0 * low.max(high), "{:?}", f.hand.tremor_variance);
 }
 
 #[test]
@@ -70,6 +77,7 @@ fn a_trocar_that_comes_into_sight_does_not_jerk_the_shaft() {
         None,
         FIELD_NS,
         &model(),
+        None,
     );
     let before = f.pose();
     f.predict(FIELD_NS + 1_000, Some(pivot()));
@@ -93,7 +101,7 @@ fn assert_sound(f: &InstrumentFilter, what: &str) {
     }
     assert!(f.pose_covariance().cholesky().is_some(), "{what}: {}", f.pose_covariance());
     assert!(f.vectors.iter().all(|v| v.norm() < 1e6), "{what}: {:?}", f.vectors);
-    let adapted = f.tremor_variance.iter().chain(&f.roll_tremor_variance);
+    let adapted = f.hand.tremor_variance.iter().chain(&f.hand.roll_tremor_variance);
     assert!(adapted.chain([&f.voluntary_variance, &f.nis_ratio]).all(|v| *v >= 0.0 && v.is_finite()));
 }
 
@@ -183,4 +191,32 @@ fn the_motion_follows_the_pose_as_an_update_has_it() {
         let rest = given.spread(&then, 0.01)[(0, 0)];
         assert!(rest > 0.0 && rest < 1.0, "{axis}: {rest}");
     }
+}
+
+#[test]
+fn an_instrument_that_is_found_again_is_in_the_hand_that_held_it() {
+    let mut held = filter(Vector3::zeros());
+    for n in 1..600u64 {
+        held.predict(FIELD_NS * (n + 1), Some(pivot()));
+        let tip = Vector3::new(0.1 * libm::sin(62.8 * n as f64 * 0.02), 0.0, 0.0);
+        assert!(measure(&mut held, &through(tip), &(Matrix6::identity() * 1e-6)));
+    }
+    let of = |hand| {
+        let pose = through(Vector3::zeros());
+        InstrumentFilter::new(&pose, &(Matrix6::identity() * 1e-4), Some(pivot()), FIELD_NS, &model(), hand)
+    };
+    let (known, unknown) = (of(Some(held.hand())), of(None));
+    let [low, middle, high] = known.hand.tremor_variance;
+    assert!(middle > 4.0 * low.max(high), "{:?}", known.hand);
+    let displaced = |f: &InstrumentFilter| f.covariance[3 * TREMOR][3 * TREMOR];
+    assert!(displaced(&known) != displaced(&unknown));
+    // It is put in along its shaft.
+    let axis = known.rotation * Vector3::z();
+    let speed = |d: &Vector3<f64>| {
+        let block = nalgebra::Matrix3::<f64>::from_fn(|r, c| known.covariance[3 + r][3 + c]);
+        libm::sqrt(d.dot(&(block * d)))
+    };
+    let across = axis.cross(&Vector3::x()).normalize();
+    assert!((speed(&axis) - k::START_SPEED_MM_S).abs() < 1e-9);
+    assert!((speed(&across) - k::START_SPEED_ACROSS_MM_S).abs() < 1e-9);
 }

@@ -153,8 +153,13 @@ impl<'a> Outcome<'a> {
             _ => Slot::ready(item.clone()),
         };
         self.waiting.push_back((at, vec![slot]));
-        if !matches!(item, Item::Poses(_)) {
-            self.steps.note(at, item);
+        match item {
+            Item::Poses(_) => {}
+            // It consumes poses that are tracked anew, which the digest of the recorded ones does not allow.
+            Item::Step(step) if self.tracker.is_some() => {
+                self.steps.note(at, Item::Step(step.with_inputs(step.inputs().without_poses())));
+            }
+            other => self.steps.note(at, other),
         }
     }
 
@@ -267,7 +272,7 @@ impl<'a> Outcome<'a> {
             (step.step, step.field, step.frame) = (world.state().step, frame.field, frame.frame);
             (step.instants, step.advanced_ns, step.state_hash) =
                 (frame.instants, report.advanced_ns, report.state_hash);
-            put(at, &Item::Step(with_figures(step, world)))?;
+            put(at, &Item::Step(with_figures(step.with_inputs(report.inputs), world)))?;
             for event in world.events() {
                 put(at, &Item::Event(*event))?;
             }

@@ -1,0 +1,91 @@
+//! What is known of an instrument that was just found: its pose, the hand that held it before, and how instruments
+//! are put in.
+
+use super::transition::{roll_model, roll_tremor_model};
+use super::{InstrumentFilter, PLAY, ROLL, ROLL_TREMOR, ROLL_TREMORS};
+use crate::constants as k;
+use crate::motion_models::VoluntaryMotion;
+use crate::pose_math::Matrix6;
+use crate::tremor_bank::BANDS;
+use nalgebra::{Matrix3, Vector3};
+
+/// What is learnt of the hand that holds an instrument. It is kept while the instrument is lost: put back, it is
+/// predicted with the same hand's tremor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hand {
+    /// Variance of the displacement of each band of the tremor, mm².
+    pub tremor_variance: [f64; BANDS],
+    /// Variance of the angle of each oscillator of the roll, rad².
+    pub roll_tremor_variance: [f64; ROLL_TREMORS],
+}
+
+impl Default for Hand {
+    fn default() -> Self {
+        Hand {
+            tremor_variance: [k::TREMOR_START_MM * k::TREMOR_START_MM; BANDS],
+            roll_tremor_variance: [k::ROLL_TREMOR_START_RAD * k::ROLL_TREMOR_START_RAD; ROLL_TREMORS],
+        }
+    }
+}
+
+impl InstrumentFilter {
+    pub(super) fn start_covariance(
+        &mut self,
+        pose: &Matrix6,
+        axis: &Vector3<f64>,
+        lever: f64,
+        is_back: bool,
+    ) {
+        let position: Matrix3<f64> = pose.fixed_view::<3, 3>(0, 0).into();
+        let rotation: Matrix3<f64> = pose.fixed_view::<3, 3>(3, 3).into();
+        let p = &mut self.covariance;
+        for r in 0..3 {
+            for c in 0..3 {
+                p[r][c] = 0.5 * (position[(r, c)] + position[(c, r)]);
+            }
+        }
+        let roll = (axis.transpose() * rotation * axis)[0];
+        let tilt = (rotation.trace() - roll).max(0.0);
+        let play = self.pivot.sigma * self.pivot.sigma;
+        for axis in 0..3 {
+            let mut put = |vector: usize, variance: f64| p[3 * vector + axis][3 * vector + axis] = variance;
+            put(PLAY, play + tilt * lever * lever + position.trace());
+            put(PLAY + 1, play * k::PLAY_RAD_S * k::PLAY_RAD_S);
+        }
+        self.start_movement(axis, is_back);
+        self.add_tremor(|bank, i, j| *bank.stationary(i, j));
+        let p = &mut self.covariance;
+        p[ROLL][ROLL] = roll;
+        p[ROLL + 1][ROLL + 1] = k::START_TURN_RAD_S * k::START_TURN_RAD_S;
+        p[ROLL + 2][ROLL + 2] = roll_model(&self.tuning).sigma * roll_model(&self.tuning).sigma;
+        for (i, variance) in self.hand.roll_tremor_variance.iter().enumerate() {
+            let (first, omega) = (ROLL_TREMOR + 2 * i, roll_tremor_model(i).omega);
+            p[first][first] = *variance;
+            p[first + 1][first + 1] = variance * omega * omega;
+        }
+    }
+
+    /// Covariances of the voluntary movement's velocity, acceleration and lags. An instrument that is back was put in, along
+    /// its shaft; of one that is found for the first time nothing is known.
+    fn start_movement(&mut self, axis: &Vector3<f64>, is_back: bool) {
+        let (mut across_mm_s, mut along_mm2_s4) = (k::START_SPEED_MM_S, self.voluntary_variance);
+        if is_back {
+            across_mm_s = k::START_SPEED_ACROSS_MM_S;
+            along_mm2_s4 = along_mm2_s4.max(k::START_ACCELERATION_MM_S2 * k::START_ACCELERATION_MM_S2);
+        }
+        let along = axis * axis.transpose();
+        let across = Matrix3::identity() - along;
+        let speed =
+            along * (k::START_SPEED_MM_S * k::START_SPEED_MM_S) + across * (across_mm_s * across_mm_s);
+        let acceleration = along * along_mm2_s4 + across * self.voluntary_variance;
+        let [b, c] = VoluntaryMotion::LAG_VARIANCES.map(|ratio| acceleration * ratio);
+        for (vector, variance) in [speed, acceleration, b, c].iter().enumerate() {
+            for row in 0..3 {
+                for column in 0..3 {
+                    self.covariance[3 * (1 + vector) + row][3 * (1 + vector) + column] =
+                        variance[(row, column)];
+                }
+            }
+        }
+    }
+}
