@@ -19,6 +19,7 @@ mod field_trace;
 mod film;
 mod hostile;
 mod instruments;
+mod judged;
 mod live_blobs;
 mod live_cameras;
 mod live_viewers;

@@ -98,18 +98,18 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
         Ok(why) => (*why).to_string(),
         Err(error) => format!("failure: {error:#}"),
     };
-    let Closed { report, attempts, trace } = session.close(ended_by).await;
-    // Whatever becomes of the report, the attempt is kept.
-    let written =
-        args.outputs.report.as_deref().map(|file| write_report(&report, &mut outputs, file)).transpose();
+    let Closed { mut report, attempts, trace } = session.close(ended_by).await;
     let trace_out = args.outputs.trace.trace_out.as_deref();
     let traced = trace.zip(trace_out).map(|(trace, file)| field_trace::write(&trace, &mut outputs, file));
     let ran = report.duration_s > 0.0;
     if ran {
         print!("{}", report.text());
         attempts.iter().for_each(|a| print!("{}", attempt_text(a, attempts.len())));
-        likely_cause::print(&report, args.is_tracked(), &stop).await;
+        likely_cause::print(&mut report, args.is_tracked(), &stop).await;
     }
+    // Whatever becomes of the report, the attempt is kept.
+    let written =
+        args.outputs.report.as_deref().map(|file| write_report(&report, &mut outputs, file)).transpose();
     outcome?;
     if let Some(trainee) = &args.training.trainee {
         keep_all(args, trainee, &attempts)?;

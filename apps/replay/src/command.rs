@@ -4,7 +4,7 @@
 use crate::engine::{Made, Recorded, Streamed, stream};
 use crate::film::PICTURES_PER_S;
 use crate::interactive;
-use crate::likely_cause;
+use crate::likely_cause::{self, OfLast};
 use crate::other_build;
 use crate::pace::{Pace, Part, Stopped};
 use crate::report::{Figures, Products};
@@ -66,7 +66,9 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
         Err(error) if error.is::<Stopped>() => true,
         Err(error) => return Err(error),
     };
+    let judged = if stopped { None } else { likely_cause::at_end(&recording, || stop.is_raised()) };
     let Replay { mut products, verdict, .. } = replay;
+    products.judged(judged.as_ref().and_then(OfLast::warning));
     products.figures.unclosed = !recording.is_finished();
     products.figures.verify = verdict;
     let figures = products.finish()?;
@@ -75,9 +77,7 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     if stopped && args.is_unpaced() {
         bail!(Stopped);
     }
-    if !stopped && let Some(cause) = likely_cause::at_end(&recording, || stop.is_raised()) {
-        println!("{cause}");
-    }
+    judged.and_then(|judged| judged.paragraph()).into_iter().for_each(|cause| println!("{cause}"));
     judge(args, &figures)
 }
 

@@ -1,21 +1,19 @@
 //! The likely cause of what a recording's residuals show, for the end of a run or a replay: judged by its last
-//! part, within bounds of time.
+//! part, within bounds of work (not of time: repeated replays of a recording say the same).
 
 use crate::residuals::rig_of;
-use calibration::causes::{Judgement, judge_what_breaks};
+use calibration::causes::{Judgement, Verdict, Work, judge_within};
+use diagnosis::{Finding, Warning};
 use protocol::blobs::BlobField;
 use protocol::message::Message;
 use protocol::time::Nanos;
 use recording::{Item, Recording, RecordingError};
 use rig::Rig;
-use std::time::{Duration, Instant};
 
 /// The part that is judged, s.
 pub const LAST_S: f64 = 60.0;
 /// Most camera-fields of it, of recordings whose stamps are odd.
 const FIELDS: usize = 60_000;
-/// Longest search at the end of a replay.
-const WITHIN: Duration = Duration::from_secs(10);
 
 /// A judgement of the last part of a recording.
 #[derive(Debug)]
@@ -31,9 +29,32 @@ impl OfLast {
     pub fn paragraph(&self) -> Option<String> {
         self.judgement.paragraph(self.starts_s)
     }
+
+    /// For a report; `None` where nothing is to be said, or the search was stopped.
+    pub fn warning(&self) -> Option<Warning> {
+        let judgement = &self.judgement;
+        let (cause, remedy) = match judgement.verdict {
+            Verdict::Explained => (judgement.named(), judgement.remedies()),
+            Verdict::Unknown => {
+                let cause = format!("none of {} known causes explains it", judgement.tried);
+                (
+                    cause,
+                    "record while both instruments are waved, then: vitreo calibrate drift RECORDING.mcap"
+                        .into(),
+                )
+            }
+            _ => return None,
+        };
+        if judgement.holds {
+            return None;
+        }
+        let what = format!("{:.2} px are left of the blobs, more than noise", judgement.left_px);
+        let finding = Finding { what, cause, remedy, subject: "rig".into() };
+        Some(Warning { from_s: self.starts_s + judgement.since_s, to_s: None, finding })
+    }
 }
 
-/// Judges the last `last_s` seconds of a recording, where its rig does not hold; `go_on` as of
+/// Judges the last `last_s` seconds of a recording; `go_on` as of
 /// [`calibration::causes::judge`].
 ///
 /// # Errors
@@ -48,16 +69,15 @@ pub fn of_last(
     let first = recording.exposures().next().unwrap_or(0);
     let starts = fields.iter().map(|field| field.exposed_ns).min().unwrap_or(first);
     let starts_s = starts.saturating_sub(first) as f64 * 1e-9;
-    Ok(OfLast { judgement: judge_what_breaks(rig, &fields, go_on), starts_s })
+    Ok(OfLast { judgement: judge_within(rig, &fields, &Work::AT_END, go_on), starts_s })
 }
 
-/// What the end of a replay says of the recording it was of; `None` where nothing is to be said, also where there
-/// are no blobs.
-pub fn at_end(recording: &Recording, stopped: impl Fn() -> bool + Sync) -> Option<String> {
+/// The judgement at the end of a replay of the recording it was of; `None` where there are no cameras, or nobody waits
+/// for it any more.
+pub fn at_end(recording: &Recording, stopped: impl Fn() -> bool + Sync) -> Option<OfLast> {
     let rig = rig_of(recording).ok()?;
-    let until = Instant::now() + WITHIN;
-    let found = of_last(recording, &rig, LAST_S, |_, _| !stopped() && Instant::now() < until);
-    found.ok().filter(|_| !stopped()).and_then(|found| found.paragraph())
+    let found = of_last(recording, &rig, LAST_S, |_, _| !stopped());
+    found.ok().filter(|_| !stopped())
 }
 
 /// The camera-fields of the last seconds, in the order of arrival.
@@ -111,16 +131,23 @@ mod tests {
 
     #[test]
     fn a_healthy_recording_says_nothing_and_swapped_cameras_are_said_with_the_remedy() {
-        assert_eq!(at_end(&golden(), || false), None);
+        let healthy = at_end(&golden(), || false).expect("a judgement");
+        assert!(healthy.paragraph().is_none() && healthy.warning().is_none(), "{healthy:?}");
         let (_folder, swapped) = changed(|field| field.camera = [1, 0, 2][field.camera as usize]);
-        let said = at_end(&swapped, || false).expect("a cause");
+        let found = at_end(&swapped, || false).expect("a judgement");
+        let said = found.paragraph().expect("a cause");
+        let warning = found.warning().expect("a cause").finding;
+        assert!(
+            warning.cause.contains("cameras 0 and 1") && warning.remedy.contains("cables"),
+            "{warning:?}"
+        );
         for words in ["likely cause: the ids of cameras 0 and 1 are swapped", "from the start", "cables"] {
             assert!(said.contains(words), "{words}: {said}");
         }
-        assert_eq!(at_end(&swapped, || true), None, "nobody waits for it any more");
+        assert!(at_end(&swapped, || true).is_none(), "nobody waits for it any more");
         let rig = rig_of(&swapped).unwrap();
         let left_off = of_last(&swapped, &rig, LAST_S, |tried, _| tried < 3).unwrap();
-        assert!(left_off.paragraph().is_some_and(|said| said.contains("left off")), "{left_off:?}");
+        assert!(left_off.paragraph().is_some_and(|said| said.contains("was stopped")), "{left_off:?}");
     }
 
     #[test]

@@ -4,7 +4,7 @@ use crate::film::claim;
 use crate::verify::Verdict;
 use anyhow::Context;
 use blob_stream::poses_csv::{DisplayClock, PosesCsv};
-use diagnosis::{Due, Tracking, TrackingFigures, Warning, Watch};
+use diagnosis::{Due, Tracking, TrackingFigures, Warning, Watch, with_judged};
 use outputs::{OutputFile, Outputs};
 use protocol::blobs::BlobField;
 use protocol::matches::MatchFrame;
@@ -86,6 +86,7 @@ pub struct Products {
     outputs: Outputs,
     tracking: Tracking,
     watch: Watch,
+    judged: Option<Warning>,
     processing_ns: u64,
     /// From one field of the cameras to the next, ns.
     period_ns: u64,
@@ -115,6 +116,7 @@ impl Products {
             outputs,
             tracking: Tracking::new(rig),
             watch: Watch::default(),
+            judged: None,
             processing_ns: args.processing_us * 1000,
             period_ns: rig.field_period_ns(),
             figures: Figures { file: args.file.display().to_string(), ..Figures::default() },
@@ -182,6 +184,11 @@ impl Products {
         Ok(())
     }
 
+    /// What the judgement of the rig says.
+    pub fn judged(&mut self, warning: Option<Warning>) {
+        self.judged = warning;
+    }
+
     /// The simulation made a step.
     pub fn step(&mut self, state_hash: u64) {
         self.figures.steps += 1;
@@ -208,7 +215,7 @@ impl Products {
         self.figures.stream_s = (end - start) as f64 * 1e-9;
         self.figures.tracking = self.tracking.figures();
         self.figures.least_tracked = self.tracking.least_share();
-        self.figures.warnings = self.watch.warnings().to_vec();
+        self.figures.warnings = with_judged(self.watch.warnings().to_vec(), self.judged.take());
         let reasons = self.figures.reasons();
         if let Some(verdict) = &mut self.figures.verify {
             verdict.reasons = reasons;

@@ -113,6 +113,7 @@ fn of_last(args: &ResidualsArgs, recording: &Recording, rig: &Rig, last_s: f64) 
             "starts_s": starts_s,
             "causes": judgement,
             "likely_cause": found.paragraph(),
+            "warning": found.warning(),
         });
         println!("{}", serde_json::to_string_pretty(&figures)?);
     } else {

@@ -3,7 +3,7 @@
 use crate::planted::{Defect, Planted, is_truth, plant_on, whole_rig};
 use crate::streams::Scenario;
 use calibration::bundle::PriorSigmas;
-use calibration::causes::{Cause, Judgement, Verdict, judge, judge_what_breaks};
+use calibration::causes::{Cause, Judgement, Verdict, Work, judge, judge_within};
 use calibration::drift_check;
 use calibration::mend::{Mended, mend};
 use calibration::observations::collect;
@@ -82,7 +82,7 @@ pub fn said(seed: u64, whole: bool, intact: bool) -> Said {
         Ok(Mended::Nothing(why)) => Err(why),
         Err(problem) => Err(problem.to_string()),
     };
-    let replay_is_silent = judge_what_breaks(&rig, &fields, |_, _| true).paragraph(0.0).is_none();
+    let replay_is_silent = judge_within(&rig, &fields, &Work::AT_END, |_, _| true).paragraph(0.0).is_none();
     let truth = truth.map_or("nothing".into(), |c| c.to_string());
     Said { seed, whole, defect, truth, judgement, right, drift_holds, waved, replay_is_silent }
 }

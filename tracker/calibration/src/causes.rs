@@ -18,8 +18,11 @@ mod progressive;
 mod remedy;
 mod search;
 pub mod together;
+mod trial;
+mod work;
 
 pub use catalogue::Cause;
-pub use judge::{judge, judge_what_breaks};
+pub use judge::{judge, judge_within};
 pub use judgement::{Explanation, Judgement, Verdict};
 pub use measure::{Left, Squares, measure};
+pub use work::Work;

@@ -20,6 +20,7 @@ use crate::{CalibrationError, degenerate};
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, Vector3};
 use paths::{PathProblem, in_stretches};
 use problem::SelfCalibrationProblem;
+pub(crate) use problem::common_clock;
 use protocol::blobs::{BlobField, DEFAULT_VARIANCE_PX2};
 use protocol::limits::BODIES;
 use rig::Rig;

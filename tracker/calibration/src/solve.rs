@@ -12,7 +12,7 @@
 use nalgebra::{DMatrix, DVector, SVector};
 
 /// A bound on time, not a criterion: a sane problem needs 5 to 30 iterations, a valley some 300.
-const MAX_ITERATIONS: usize = 5000;
+pub const MAX_STEPS: usize = 5000;
 /// Distance to the minimum at which it is reached, in standard deviations of the estimate along the
 /// worst direction: √(gᵀ H⁻¹ g) over the noise (the Newton decrement), which no unit and no
 /// correlation of the unknowns moves.
@@ -79,6 +79,10 @@ pub trait Problem {
     /// Distance to the minimum that is near enough, in standard deviations, where less than rounding allows is wanted.
     fn near_enough(&self) -> f64 {
         0.0
+    }
+    /// Most steps before the problem counts as one without a solution.
+    fn most_steps(&self) -> usize {
+        MAX_STEPS
     }
     /// Number of blocks.
     fn blocks(&self) -> usize;
@@ -372,7 +376,7 @@ pub fn solve<P: Problem>(
         return Err(SolveError::TooFew { equations, unknowns });
     }
     let freedom = equations - unknowns;
-    for iteration in 0..MAX_ITERATIONS {
+    for iteration in 0..problem.most_steps() {
         progress(iteration, assembled.common.cost);
         if assembled.at_minimum(freedom, problem.near_enough()) {
             return finish(problem, state, &assembled, freedom, iteration);
@@ -383,7 +387,7 @@ pub fn solve<P: Problem>(
         state = next;
         assembled = Assembled::of(problem, &state);
     }
-    Err(SolveError::Endless { iterations: MAX_ITERATIONS, cost: assembled.common.cost })
+    Err(SolveError::Endless { iterations: problem.most_steps(), cost: assembled.common.cost })
 }
 
 /// The next state that costs less; `None` where no step gains anything: at the minimum, to

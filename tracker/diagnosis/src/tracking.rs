@@ -289,10 +289,8 @@ impl Tracking {
                 let subject = format!("place of camera {id}");
                 found.push(Finding { subject, ..finding(id, what, MOVED, RECALIBRATE) });
             } else if let Some(d) = self.dissenter.filter(|d| d.camera == id) {
-                let what = format!(
-                    "camera {id} agrees with no other camera: it is off by {:.1} px or more",
-                    d.off_px
-                );
+                let px = d.off_px;
+                let what = format!("camera {id} agrees with no other camera, by {px:.1} px or more");
                 found.push(finding(id, what, MOVED, RECALIBRATE));
             } else if seen.fields == 0 {
                 let subject = format!("{FIELDS_OF}camera {id}");
@@ -345,10 +343,11 @@ pub fn untracked(body: &str, share: f64, asserted: f64) -> String {
     )
 }
 
-const MOVED: &str = "it was moved or refocused, or the rig file is of other cameras";
-const RECALIBRATE: &str =
+const MOVED: &str = "it or the others were moved or refocused, or the rig file is of other cameras";
+pub(crate) const RECALIBRATE: &str =
     "record while both instruments are waved, then: vitreo calibrate waved RECORDING.mcap -o new-rig.json";
-const FASTEN: &str = "fasten it; its place is estimated from the others within seconds; then calibrate again";
+pub(crate) const FASTEN: &str =
+    "fasten it; its place is estimated from the others within seconds; then calibrate again";
 /// With these begin the subjects of what a camera's driver may know better: nothing comes, nothing is seen.
 const FIELDS_OF: &str = "fields of ";
 const PICTURE_OF: &str = "picture of ";

@@ -1,6 +1,7 @@
 //! Findings that last, from when to when.
 
 use crate::Finding;
+use crate::tracking::{FASTEN, RECALIBRATE};
 use serde::Serialize;
 
 /// Periods in a row for which something must be wrong before it is reported.
@@ -80,6 +81,19 @@ impl Watch {
     }
 }
 
+/// Warnings with what the judgement of the rig says. Where it names a cause, that is also the cause of what does not fit
+/// the rig: a camera that disagrees with the others may be the one that stands where it did.
+pub fn with_judged(mut warnings: Vec<Warning>, judged: Option<Warning>) -> Vec<Warning> {
+    let Some(judged) = judged else { return warnings };
+    let is_of_rig = |finding: &&mut Finding| [RECALIBRATE, FASTEN].contains(&&*finding.remedy);
+    for own in warnings.iter_mut().map(|w| &mut w.finding).filter(is_of_rig) {
+        own.cause.clone_from(&judged.finding.cause);
+        own.remedy.clone_from(&judged.finding.remedy);
+    }
+    warnings.push(judged);
+    warnings
+}
+
 /// Says how many warnings there were, and the first of them; `None` without any.
 pub fn warned(warnings: &[Warning]) -> Option<String> {
     let first = warnings.first()?;
@@ -95,6 +109,19 @@ mod tests {
     fn finding(subject: &str) -> Finding {
         let [what, cause, remedy] = ["a", "b", "c"].map(String::from);
         Finding { what, cause, remedy, subject: subject.into() }
+    }
+
+    #[test]
+    fn a_judgement_gives_its_cause_to_what_does_not_fit_the_rig_alone() {
+        let warning = |finding| Warning { from_s: 1.0, to_s: None, finding };
+        let of_rig = Finding { remedy: RECALIBRATE.into(), ..finding("camera 2") };
+        let all = vec![warning(of_rig), warning(finding("picture"))];
+        assert_eq!(with_judged(all.clone(), None).len(), 2);
+        let judged = Finding { cause: "a clock".into(), remedy: "set it".into(), ..finding("rig") };
+        let found = with_judged(all, Some(warning(judged)));
+        let causes: Vec<&str> = found.iter().map(|w| &*w.finding.cause).collect();
+        assert_eq!(causes, ["a clock", "b", "a clock"]);
+        assert_eq!(found[0].finding.remedy, "set it");
     }
 
     #[test]

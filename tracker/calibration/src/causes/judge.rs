@@ -1,17 +1,14 @@
 //! Which causes explain what is left in the pictures, and since when.
 
 use super::judgement::{Explanation, Judgement, Verdict};
-use super::measure::{Left, SLICE_NS, START_NS, measure, slices};
-use super::remedy::{discrete, rescaled, undone};
-use super::search::least;
+use super::measure::{Left, SLICE_NS, START_NS, measure};
 use super::together::Together;
-use super::{Cause, places, progressive, together};
+use super::trial::{hypotheses, try_all};
+use super::work::Work;
+use super::{Cause, progressive, together};
 use protocol::blobs::BlobField;
-use protocol::limits::BODIES;
-use protocol::poses::BODY_NAMES;
 use protocol::time::Nanos;
 use rig::Rig;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 /// Length of the stretch that is judged, ns.
 const STRETCH_NS: u64 = 3_000_000_000;
@@ -33,38 +30,22 @@ const LATER: usize = 3;
 const FLOOR_PX2: f64 = 0.02;
 /// Share of what is above that which a remedy must take away.
 const MOST: f64 = 0.75;
-/// Length of the part by which causes without a parameter are tried first, ns, and the share of the mean square that
-/// must be left at most for a second try.
-const PART_NS: u64 = 800_000_000;
-const MUCH: f64 = 0.9;
-/// Shifts of time stamps that are tried first, ms.
-const SHIFTS_MS: [f64; 9] = [-16.0, -10.0, -5.0, -2.0, 0.0, 2.0, 5.0, 10.0, 16.0];
-/// Scales that are tried first.
-const SCALES: [f64; 9] = [0.92, 0.95, 0.97, 0.985, 1.0, 1.015, 1.03, 1.05, 1.08];
 
 /// Judges the fields of a recording, in the order of arrival, with all processors. `go_on` gets how many
 /// causes were tried, of how many; where it says no, the search is stopped.
 pub fn judge(rig: &Rig, fields: &[BlobField], go_on: impl Fn(usize, usize) -> bool + Sync) -> Judgement {
-    judge_where(rig, fields, |_| true, go_on)
+    judge_within(rig, fields, &Work::FULL, go_on)
 }
 
-/// The same where the rig does not hold; what is small is not looked into, which takes time.
-pub fn judge_what_breaks(
+/// The same with bounded work. The bounds count fields and steps, no time: one recording always gets one judgement.
+pub fn judge_within(
     rig: &Rig,
     fields: &[BlobField],
-    go_on: impl Fn(usize, usize) -> bool + Sync,
-) -> Judgement {
-    judge_where(rig, fields, |left| !holds(left), go_on)
-}
-
-fn judge_where(
-    rig: &Rig,
-    fields: &[BlobField],
-    is_looked_into: impl Fn(&Left) -> bool,
+    work: &Work,
     go_on: impl Fn(usize, usize) -> bool + Sync,
 ) -> Judgement {
     let begin = fields.iter().map(|f| f.exposed_ns).min().unwrap_or(0);
-    let onset = onset(&slices(rig, fields)).filter(|at| *at > begin + START_NS + SLICE_NS);
+    let onset = onset(&work.slices(rig, fields)).filter(|at| *at > begin + START_NS + SLICE_NS);
     // What progressive pictures leave depends on the motion, not on when they began.
     let always = progressive::detect(rig, &stretch(fields, begin)).is_some();
     let from = onset.filter(|_| !always).unwrap_or(begin);
@@ -81,8 +62,9 @@ fn judge_where(
         judgement.explanations = vec![explanation((cause, left))];
         return judgement;
     }
-    if !is_looked_into(&before) {
-        judgement.verdict = Verdict::NothingWrong;
+    if !go_on(0, 0) {
+        judgement.verdict = Verdict::Stopped;
+        judgement.holds = false;
         return judgement;
     }
     // Small errors: everything at once, without tracking again for each.
@@ -91,7 +73,7 @@ fn judge_where(
         take(found, &mut judgement);
         return judgement;
     }
-    search(rig, &stretch, (&before, together), &mut judgement, &go_on);
+    search(rig, &stretch, (&before, together), work, &mut judgement, &go_on);
     judgement
 }
 
@@ -131,11 +113,14 @@ fn search(
     rig: &Rig,
     stretch: &[BlobField],
     (before, together): (&Left, Option<Together>),
+    work: &Work,
     judgement: &mut Judgement,
     go_on: &(impl Fn(usize, usize) -> bool + Sync),
 ) {
     let hypotheses = hypotheses(rig, stretch);
-    let found = try_all(rig, stretch, &hypotheses, go_on);
+    let fields = work.stretch(stretch, &hypotheses);
+    let before = if fields.len() < stretch.len() { &measure(rig, fields) } else { before };
+    let found = try_all(rig, fields, &hypotheses, go_on);
     let was_stopped = found.is_none();
     judgement.tried += if was_stopped { 0 } else { hypotheses.len() };
     judgement.explanations = found.map_or_else(Vec::new, |found| alike(before, found));
@@ -154,38 +139,6 @@ fn search(
 fn stretch(fields: &[BlobField], from: Nanos) -> Vec<BlobField> {
     let within = |f: &&BlobField| (from..from + STRETCH_NS).contains(&f.exposed_ns);
     fields.iter().filter(within).copied().collect()
-}
-
-/// Tries every remedy on a stretch, several at a time; what came of them, in the order of the hypotheses, or `None`
-/// where it was stopped.
-fn try_all(
-    rig: &Rig,
-    fields: &[BlobField],
-    hypotheses: &[Hypothesis],
-    go_on: &(impl Fn(usize, usize) -> bool + Sync),
-) -> Option<Vec<(Cause, Left)>> {
-    let (next, tried, stopped) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicBool::new(false));
-    let work = || {
-        let mut found = Vec::new();
-        while !stopped.load(Ordering::Relaxed) {
-            let at = next.fetch_add(1, Ordering::Relaxed);
-            let Some(hypothesis) = hypotheses.get(at) else { break };
-            if !go_on(tried.load(Ordering::Relaxed), hypotheses.len()) {
-                stopped.store(true, Ordering::Relaxed);
-                break;
-            }
-            found.extend(tried_out(rig, fields, hypothesis).map(|found| (at, found)));
-            tried.fetch_add(1, Ordering::Relaxed);
-        }
-        found
-    };
-    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(hypotheses.len());
-    let mut found: Vec<(usize, (Cause, Left))> = std::thread::scope(|scope| {
-        let threads: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-        threads.into_iter().flat_map(|thread| thread.join().expect("a remedy does not panic")).collect()
-    });
-    found.sort_by_key(|(at, _)| *at);
-    (!stopped.load(Ordering::Relaxed)).then(|| found.into_iter().map(|(_, found)| found).collect())
 }
 
 /// True where what is left is noise.
@@ -214,59 +167,6 @@ fn onset(slices: &[(Nanos, Left)]) -> Option<Nanos> {
     let (_, at) = splits.max_by(|a, b| a.0.total_cmp(&b.0))?;
     let [low, high] = [&slices[..at], &slices[at..]].map(|part| mean(part, &|square| square));
     (high > BEGUN.0 * low + BEGUN.1).then(|| slices[at].0)
-}
-
-/// Something to try.
-#[derive(Debug, Clone)]
-enum Hypothesis {
-    Discrete(Cause),
-    Shift(u32),
-    Scale,
-    Camera(u32),
-    Marker(usize, usize),
-}
-
-fn hypotheses(rig: &Rig, fields: &[BlobField]) -> Vec<Hypothesis> {
-    let mut all: Vec<Hypothesis> = discrete(rig, fields).into_iter().map(Hypothesis::Discrete).collect();
-    let ids = || rig.cameras.iter().map(|c| c.id);
-    all.extend(ids().map(Hypothesis::Shift));
-    all.push(Hypothesis::Scale);
-    all.extend(ids().map(Hypothesis::Camera));
-    for (body, name) in BODY_NAMES.iter().enumerate().take(BODIES) {
-        let markers = rig.body(name).map_or(0, |b| b.markers.len());
-        all.extend((0..markers).map(|marker| Hypothesis::Marker(body, marker)));
-    }
-    all
-}
-
-/// What the remedy of a hypothesis leaves, with its size; `None` where it has none there.
-fn tried_out(rig: &Rig, fields: &[BlobField], hypothesis: &Hypothesis) -> Option<(Cause, Left)> {
-    let of = |cause: &Cause| measure(rig, &undone(rig, cause, fields));
-    let begin = fields.first().map_or(0, |f| f.exposed_ns);
-    let part: Vec<BlobField> = fields.iter().filter(|f| f.exposed_ns < begin + PART_NS).copied().collect();
-    match *hypothesis {
-        Hypothesis::Discrete(ref cause) => {
-            // Most are far from it: a part of the stretch says so in less time.
-            let [before, after] =
-                [&part, &undone(rig, cause, &part)].map(|fields| measure(rig, fields).mean());
-            (after < MUCH * before).then(|| (cause.clone(), of(cause)))
-        }
-        Hypothesis::Shift(camera) => {
-            let cause = |by_ms| Cause::ClockShifted { camera, by_ms };
-            let shift = least(&SHIFTS_MS, |by_ms| of(&cause(by_ms)).all.rms());
-            shift.map(|(by_ms, _)| (cause(by_ms), of(&cause(by_ms))))
-        }
-        Hypothesis::Scale => {
-            let cost = |factor| measure(&rescaled(rig, factor), fields);
-            let scale = least(&SCALES, |factor| cost(factor).all.rms());
-            scale.map(|(factor, _)| (Cause::Scale { camera: None, factor }, cost(factor)))
-        }
-        Hypothesis::Camera(id) => {
-            places::camera_moved(rig, fields, id).map(|(moved, cause)| (cause, measure(&moved, fields)))
-        }
-        Hypothesis::Marker(body, marker) => places::marker_moved(rig, fields, body, marker)
-            .map(|(moved, cause)| (cause, measure(&moved, fields))),
-    }
 }
 
 /// The causes whose remedies make the rig hold, or take away about as much as the best of those.

@@ -76,7 +76,7 @@ impl Judgement {
             Verdict::Explained => {
                 let named =
                     self.explanations.iter().map(|e| format!("{} ({:.2} px then)", e.cause, e.left_px));
-                format!("{since}: {}{}", named.collect::<Vec<_>>().join(", or "), self.remedies())
+                format!("{since}: {}{}", named.collect::<Vec<_>>().join(", or "), self.what_helps())
             }
         }
     }
@@ -95,24 +95,33 @@ impl Judgement {
         match self.verdict {
             Verdict::TooLittle | Verdict::NothingWrong => None,
             Verdict::Unknown => Some(format!("{left}, and none of {} known causes explains it", self.tried)),
-            Verdict::Stopped => {
-                Some(format!("{left}; the search for the cause took too long and was left off"))
-            }
+            Verdict::Stopped => Some(format!("{left}; the search for the cause was stopped")),
             Verdict::Explained => {
-                let named: Vec<String> = self.explanations.iter().map(|e| e.cause.to_string()).collect();
-                Some(format!("likely cause: {} ({left}){}", named.join(", or "), self.remedies()))
+                Some(format!("likely cause: {} ({left}){}", self.named(), self.what_helps()))
             }
         }
     }
 
-    /// What helps, as the end of a sentence; each remedy once.
-    fn remedies(&self) -> String {
+    /// The causes that explain it alike: "A, or B".
+    pub fn named(&self) -> String {
+        let named: Vec<String> = self.explanations.iter().map(|e| e.cause.to_string()).collect();
+        named.join(", or ")
+    }
+
+    /// What helps; each remedy once.
+    pub fn remedies(&self) -> String {
         let mut remedies: Vec<&str> = Vec::new();
         for remedy in self.explanations.iter().filter_map(|e| e.cause.remedy()) {
             if !remedies.contains(&remedy) {
                 remedies.push(remedy);
             }
         }
-        if remedies.is_empty() { String::new() } else { format!(". What helps: {}", remedies.join("; or: ")) }
+        remedies.join("; or: ")
+    }
+
+    /// The same as the end of a sentence.
+    fn what_helps(&self) -> String {
+        let remedies = self.remedies();
+        if remedies.is_empty() { remedies } else { format!(". What helps: {remedies}") }
     }
 }

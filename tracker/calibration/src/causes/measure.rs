@@ -1,10 +1,11 @@
 //! What is left in the pictures when a rig tracks blobs.
 
-use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BlobField};
+use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, Blob, BlobField};
 use protocol::matches::{BlobUse, MatchFrame};
 use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
 use rig::Rig;
+use std::collections::BTreeMap;
 use tracker::Tracker;
 use tracker::assembler::FrameAssembler;
 
@@ -13,6 +14,8 @@ use tracker::assembler::FrameAssembler;
 const CAP_PX: f64 = 2.0;
 /// A fresh tracker has found its bodies after this, ns.
 pub const START_NS: u64 = 300_000_000;
+/// A camera of whose fields a smaller share goes into frames is left out.
+const TAKEN: f64 = 0.1;
 /// Period of the slices in which a defect's begin is looked for, ns.
 pub const SLICE_NS: u64 = 500_000_000;
 
@@ -75,13 +78,17 @@ pub fn track(
     }
 }
 
+/// True for a blob that has a marker's colour and is whole.
+fn is_whole_marker(rig: &Rig, blob: &Blob) -> bool {
+    let is_marker = |colour| rig.bodies.iter().any(|b| b.markers.iter().any(|m| m.colour as u32 == colour));
+    blob.flags & (BLOB_MERGED | BLOB_CLIPPED) == 0 && is_marker(blob.colour)
+}
+
 /// Adds what is left of a frame.
 fn add(rig: &Rig, used: &[BlobField], matches: &MatchFrame, left: &mut Left) {
-    let is_marker = |colour| rig.bodies.iter().any(|b| b.markers.iter().any(|m| m.colour as u32 == colour));
     for (field, matched) in used.iter().zip(matches.fields()) {
         for (blob, entry) in field.blobs().iter().zip(matched.blobs()) {
-            let whole = blob.flags & (BLOB_MERGED | BLOB_CLIPPED) == 0;
-            if !whole || !is_marker(blob.colour) || entry.outcome() == BlobUse::UsedInPart {
+            if !is_whole_marker(rig, blob) || entry.outcome() == BlobUse::UsedInPart {
                 continue;
             }
             if entry.outcome() != BlobUse::Used {
@@ -104,11 +111,22 @@ fn begin(fields: &[BlobField]) -> Nanos {
 /// What a rig leaves of fields, after its tracker has found the bodies.
 pub fn measure(rig: &Rig, fields: &[BlobField]) -> Left {
     let (mut left, begin) = (Left::default(), begin(fields));
+    let mut taken: BTreeMap<u32, usize> = rig.cameras.iter().map(|c| (c.id, 0)).collect();
     track(rig, fields, |frame, used, matches| {
         if frame.instants.exposed >= begin {
+            used.iter().for_each(|field| *taken.entry(field.camera).or_default() += 1);
             add(rig, used, matches, &mut left);
         }
     });
+    // What a camera sees whose fields never come in time, by their stamps, is explained by nothing.
+    for (camera, taken) in taken {
+        let own = || fields.iter().filter(|f| f.camera == camera && f.exposed_ns >= begin);
+        if taken as f64 >= TAKEN * own().count() as f64 {
+            continue;
+        }
+        let blobs = own().flat_map(|f| f.blobs()).filter(|blob| is_whole_marker(rig, blob));
+        blobs.for_each(|_| left.all.add(CAP_PX * CAP_PX));
+    }
     left
 }
 

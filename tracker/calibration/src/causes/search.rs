@@ -4,6 +4,11 @@
 /// Refinements by a parabola or a half.
 const REFINEMENTS: usize = 5;
 
+/// The argument with the least cost, and that cost.
+pub fn best_of(tried: impl Iterator<Item = f64>, cost: impl Fn(f64) -> Option<f64>) -> Option<(f64, f64)> {
+    tried.filter_map(|x| Some((x, cost(x)?))).min_by(|a, b| a.1.total_cmp(&b.1))
+}
+
 /// The argument with the least cost near the best of `coarse`, which rise, and that cost. `None` where no
 /// argument has a cost.
 pub fn least(coarse: &[f64], mut cost: impl FnMut(f64) -> Option<f64>) -> Option<(f64, f64)> {

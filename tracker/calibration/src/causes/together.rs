@@ -13,7 +13,9 @@ use super::measure::measure;
 use crate::CalibrationError;
 use crate::bundle::{Freedom, PriorSigmas, Value};
 use crate::observations::collect;
-use crate::self_calibration::{SelfCalibration, Shared, every_camera_saw, refine_moving, refine_stream_free};
+use crate::self_calibration::{
+    SelfCalibration, Shared, common_clock, every_camera_saw, refine_moving, refine_stream_free,
+};
 use crate::target_problem::robust_sigma;
 use nalgebra::{DMatrix, DVector};
 use protocol::blobs::{BlobField, WHOLE_FRAME};
@@ -38,10 +40,6 @@ const BLOB_PX: f64 = 0.07;
 /// what their covariances say.
 const LEFT_PX: f64 = 0.25;
 const NOISE: f64 = 1.8;
-/// Exposures of two cameras that are farther apart in the median are free-running, s; splines between them leave a
-/// little more, px.
-const TOGETHER_S: f64 = 3e-3;
-const CARRIED_PX: f64 = 0.02;
 /// A rig that holds leaves less: χ², or root mean square, px.
 const NOISE_CHI2: f64 = 200.0;
 const NOISE_PX: f64 = 0.01;
@@ -96,8 +94,6 @@ pub struct Above {
     pub chi2: f64,
     /// Root mean square over all blobs, px.
     pub px: f64,
-    /// What a rig that holds may leave there, px.
-    pub floor_px: f64,
 }
 
 /// Estimates everything from a stretch.
@@ -123,22 +119,7 @@ pub fn estimate(rig: &Rig, fields: &[BlobField]) -> Result<Together, Calibration
         }
         found.bundle.late_s.iter_mut().zip(&late_s).for_each(|(late, before)| *late += before);
     }
-    let floor_px = if are_free_running(rig, fields) { CARRIED_PX } else { NOISE_PX };
-    Ok(judged(rig, found, floor_px))
-}
-
-/// True where the exposures of most fields have none of the first camera near them.
-fn are_free_running(rig: &Rig, fields: &[BlobField]) -> bool {
-    let Some(first) = rig.cameras.first().map(|c| c.id) else { return false };
-    let mut own: Vec<u64> = fields.iter().filter(|f| f.camera == first).map(|f| f.exposed_ns).collect();
-    own.sort_unstable();
-    let away_s = |f: &BlobField| {
-        let at = own.partition_point(|t| *t < f.exposed_ns);
-        let near = own[at.saturating_sub(1)..].iter().take(2);
-        near.map(|t| t.abs_diff(f.exposed_ns) as f64 * 1e-9).reduce(f64::min)
-    };
-    let others = fields.iter().filter(|f| f.camera != first);
-    crate::median(others.filter_map(away_s)).is_some_and(|s| s > TOGETHER_S)
+    Ok(judged(rig, found))
 }
 
 /// The fields with stamps that are not late.
@@ -186,8 +167,8 @@ fn adjusted(rig: &Rig, fields: &[BlobField], free: &Freedom) -> Result<SelfCalib
     every_camera_saw(rig, &found.residuals).map(|()| found)
 }
 
-fn judged(rig: &Rig, found: SelfCalibration, floor_px: f64) -> Together {
-    let quadratic = Quadratic::of(&found, floor_px);
+fn judged(rig: &Rig, found: SelfCalibration) -> Together {
+    let quadratic = Quadratic::of(&found);
     let above = quadratic.above(quadratic.whole());
     let hypotheses = hypotheses(rig, &found.shared);
     let mut all: Vec<(What, Cause, Above)> = Vec::new();
@@ -236,7 +217,7 @@ fn explains(above: &Above, rest: &Above) -> bool {
 impl Above {
     /// True of what a rig that holds leaves.
     pub fn is_noise(&self) -> bool {
-        self.chi2 < NOISE_CHI2 || self.px < self.floor_px
+        self.chi2 < NOISE_CHI2 || self.px < NOISE_PX
     }
 }
 
@@ -248,17 +229,19 @@ struct Quadratic {
     off: DVector<f64>,
     rms_px: f64,
     equations: f64,
-    floor_px: f64,
 }
 
 impl Quadratic {
-    fn of(found: &SelfCalibration, floor_px: f64) -> Self {
+    fn of(found: &SelfCalibration) -> Self {
         let shared = &found.shared;
         let n = shared.sigmas.len();
         let inverse_squares = shared.sigmas.iter().map(|s| 1.0 / (s * s));
         let prior = DMatrix::from_diagonal(&DVector::from_iterator(n, inverse_squares));
         let with_prior = shared.covariance.clone().try_inverse().unwrap_or_else(|| prior.clone());
         let mut information = with_prior - &prior;
+        // That clocks are late together is fixed at nothing, and is nothing that the stream says.
+        let common = common_clock(&shared.values);
+        information -= &common * common.transpose();
         // Where a ball's image lies off the axis is no error of the rig: whatever it is, it is taken out.
         if let Some(at) = shared.values.iter().position(|v| *v == Value::Aside) {
             let column = information.column(at).into_owned();
@@ -269,7 +252,6 @@ impl Quadratic {
             prior,
             off: shared.change.clone(),
             rms_px: robust_sigma(&found.residuals),
-            floor_px,
             equations: 2.0 * found.residuals.len() as f64,
         }
     }
@@ -281,7 +263,7 @@ impl Quadratic {
 
     fn above(&self, chi2: f64) -> Above {
         let px = self.rms_px * (chi2 / self.equations.max(1.0)).sqrt();
-        Above { chi2, px, floor_px: self.floor_px }
+        Above { chi2, px }
     }
 
     /// χ² where the rig is mended along a hypothesis, and how far that is.

@@ -218,6 +218,10 @@ impl Problem for PathProblem<'_> {
         self.rig.near_enough()
     }
 
+    fn most_steps(&self) -> usize {
+        self.rig.most_steps()
+    }
+
     fn blocks(&self) -> usize {
         self.stretches.len()
     }

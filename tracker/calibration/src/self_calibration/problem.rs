@@ -6,11 +6,25 @@ use crate::lens::{
     set_lens,
 };
 use crate::observations::{FrameObservations, MarkerObservation};
-use crate::solve::{Column, Loss, NormalEquations, Problem, Unknown};
+use crate::solve::{Column, Loss, MAX_STEPS, NormalEquations, Problem, Unknown};
 use nalgebra::{DVector, Isometry3, Matrix1, Matrix2, SMatrix, Vector2, Vector3};
 use protocol::limits::BODIES;
 use protocol::poses::{BODY_NAMES, EYE};
 use rig::camera::Camera;
+
+/// How far all clocks together may be late, s: what exposes later on a motion that is later looks the same, so that
+/// only their differences are in the pictures.
+const COMMON_S: f64 = 1e-5;
+/// Most steps of a solution that need not be as near as can be.
+const STEPS: usize = 80;
+
+/// The mean of all clocks over its standard deviation, by shared unknowns; nothing where no clock is free.
+pub(crate) fn common_clock(values: &[Value]) -> DVector<f64> {
+    let is_late = |value: &Value| matches!(value, Value::Late(_));
+    let clocks = values.iter().filter(|v| is_late(v)).count().max(1) as f64;
+    let slope = |value: &Value| if is_late(value) { 1.0 / (clocks * COMMON_S) } else { 0.0 };
+    DVector::from_iterator(values.len(), values.iter().map(slope))
+}
 
 /// Standard deviations beyond which a blob loses its weight.
 pub(super) const SUSPECT: f64 = 4.0;
@@ -269,6 +283,10 @@ impl Problem for SelfCalibrationProblem<'_> {
         self.near_enough
     }
 
+    fn most_steps(&self) -> usize {
+        if self.near_enough > 0.0 { STEPS } else { MAX_STEPS }
+    }
+
     fn blocks(&self) -> usize {
         self.instants.len()
     }
@@ -298,6 +316,16 @@ impl Problem for SelfCalibrationProblem<'_> {
                 &[(Unknown::Shared(at), Matrix1::new(1.0 / sigma))],
                 Loss::Square,
             );
+        }
+        let slopes = common_clock(&self.values);
+        let clocks = self.values.iter().enumerate().filter(|(at, _)| slopes[*at] != 0.0);
+        let clocks: Vec<(usize, f64)> =
+            clocks.map(|(at, v)| (at, v.change(&self.before, state) * slopes[at])).collect();
+        if clocks.len() > 1 {
+            let columns: Vec<Column<1>> =
+                clocks.iter().map(|(at, _)| (Unknown::Shared(*at), Matrix1::new(slopes[*at]))).collect();
+            let mean = clocks.iter().map(|(_, off)| off).sum::<f64>();
+            out.add(&Matrix1::new(mean), &columns, Loss::Square);
         }
     }
 
