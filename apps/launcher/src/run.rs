@@ -6,7 +6,7 @@
 //! - `attempt_control`: requests for a pause, a restart or the next level
 //! - `supervisor`, `policy`, `standby`: starting, restarting, bounding restarts
 //! - `channel_tap`, `recorder`, `resume`: receiving, recording, and the journal for a restarted simulation
-//! - `watch`: warnings; `field_trace`: the timeline of every field
+//! - `delivery`: sources that never deliver; `watch`: warnings; `field_trace`: the timeline of every field
 //! - `likely_cause`: the cause of large residuals, at the end
 //! - `latency_stats`, `load`, `report`: latencies against budgets; `monitor`, `screen`: the status
 
@@ -16,6 +16,7 @@ mod cameras;
 mod channel_tap;
 mod colours;
 mod controls;
+mod delivery;
 mod external;
 mod field_trace;
 mod handed_on;
@@ -230,6 +231,10 @@ fn missing_singly(report: &Report, input_has_gaps: bool) -> Option<(String, bool
 
 /// The exit code, with its reasons on standard error.
 fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
+    if let Some(problem) = delivery::never_came(args, report) {
+        warn(&problem);
+        return FAILED;
+    }
     let mut code = 0;
     if let Some(recording) = &report.recording {
         if let Some(problem) = &recording.problem {
