@@ -108,7 +108,7 @@ mod tests {
         let mut other = RunArgs::default();
         other.real.poses = Some("igtl:h:7".parse().unwrap());
         assert_eq!(findings(&other, &tracking, &monitor, INPUT_NS)[0].subject, "first poses");
-        monitor.note(&Item::Poses(Zeroable::zeroed()));
+        monitor.note(&Item::Poses(Box::new(Zeroable::zeroed())));
         assert!(findings(&other, &tracking, &monitor, INPUT_NS).is_empty());
         monitor.note(&Item::Pedal(Zeroable::zeroed()));
         monitor.note(&Item::Handle(Zeroable::zeroed()));
