@@ -1,7 +1,7 @@
 //! `vitreo run`: the simulator, live.
 //! - `options`, `arguments`: the command line and its value parsers
 //! - `session`: the loop that receives, supervises, records and shows
-//! - `cameras`: real cameras, and waiting for them; `colours`: colour classes; `controls`: a real pedal and
+//! - `cameras`: real cameras, and waiting for them; `recorded_rig`: the rig of recorded ones; `colours`: colour classes; `controls`: a real pedal and
 //!   real handles
 //! - `attempt_control`: requests for a pause, a restart or the next level
 //! - `supervisor`, `policy`, `standby`: starting, restarting, bounding restarts
@@ -26,6 +26,7 @@ mod load;
 mod monitor;
 mod options;
 mod policy;
+mod recorded_rig;
 mod recorder;
 mod report;
 mod resume;
@@ -84,7 +85,8 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     if args.real.unscripted && args.real.poses.is_none() && !cameras::wait(args, &stop).await {
         return Ok(ExitCode::SUCCESS);
     }
-    // The composed scene lasts as long as this does.
+    // The rig of a recording and the composed scene last as long as this does.
+    let (args, _rig) = &args.with_rig_of_recording()?;
     let composed = args.training.module.as_deref();
     let composed = composed
         .map(|m| Composed::new(m, args.training.level, &args.training.surgeon, args.virtual_rig.seed));
