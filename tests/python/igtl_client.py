@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SECONDS = 12
 BODIES = {"Instrument0ToWorld": 0, "Instrument1ToWorld": 1, "EyeToWorld": 2}
 NAMES = [*BODIES, "Instrument0ToEye", "Instrument1ToEye", "WorldToEye"]
-# It is 2.5 % on a shared virtual machine, 1.4 % of it what any program takes that sends as much (docs/bridge.md).
+# It is 0.8 % on a virtual machine, and was 2.5 % beside two busy cores (docs/bridge.md).
 MOST_CPU = 0.05
 
 
