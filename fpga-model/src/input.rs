@@ -11,6 +11,7 @@ pub mod packed;
 pub mod recorded;
 pub mod source;
 pub mod still;
+pub mod whole;
 pub mod y4m;
 
 use crate::colours::convert::{BLACK, GREY, WHITE};

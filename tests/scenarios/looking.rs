@@ -1,7 +1,7 @@
 //! `vitreo cameras`: what this machine has, how the cameras of a rig stand, and a picture of each.
 
 use std::path::Path;
-use vitreo_tests::vitreo;
+use vitreo_tests::{instance_name, json, repository, vitreo};
 
 /// A file of one camera's fields as wide and high as the shipped rig's, each of one luma.
 fn clip(path: &Path, luma: u8, fields: usize) -> String {
@@ -93,4 +93,33 @@ fn sources_that_cannot_be_shown_are_refused_in_words() {
         let refused = vitreo(&["cameras", sources, "--duration", "2"]).expect_code(code);
         assert!(refused.stderr.contains(named), "{sources}: {}", refused.stderr);
     }
+}
+
+#[test]
+fn a_recording_of_fields_brings_the_rig_of_its_cameras() {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (fields, report) = (path("fields.mcap"), path("report.json"));
+    vitreo(&["cameras", "virtual", "--record-fields", &fields, "--duration", "1.5"]).expect_code(0);
+    let (cameras, name) = (format!("mcap:{fields}"), instance_name());
+    let run = ["run", "--no-picture", "--cameras", &cameras, "--instance", &name, "--report", &report];
+    let done = vitreo(&run);
+    // A machine that is busy elsewhere may cost fields.
+    assert!(matches!(done.code, Some(0 | 3)), "{done:?}");
+    let report = json(Path::new(&report));
+    assert_eq!(report["setup"]["rig"], format!("of {fields}"), "{report:#}");
+    assert!(report["received"]["poses"].as_u64().is_some_and(|poses| poses > 10), "{report:#}");
+    let other = repository().join("assets/rig-200hz.json").display().to_string();
+    let refused = vitreo(&["run", "--cameras", &cameras, "--rig", &other]).expect_code(1).stderr;
+    assert!(refused.contains("fields.mcap: camera 0 was recorded "), "{refused}");
+    // It serves as pictures, too: there is no board in them.
+    let setup = path("setup");
+    let looked =
+        vitreo(&["commission", &setup, "lenses", "--board", "9x6", "--every", "2", "--from", &fields]);
+    assert!(
+        looked.code == Some(1) && looked.stderr.contains("camera 0 saw the board in 0 of "),
+        "{looked:?}"
+    );
+    let needs = vitreo(&["run", "--cameras", "y4m:a,y4m:b,y4m:c"]).expect_code(2).stderr;
+    assert!(needs.contains("--rig RIG.json"), "{needs}");
 }

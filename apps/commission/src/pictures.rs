@@ -2,11 +2,13 @@
 //!
 //! The name says of which camera a picture is: `cam0/007.png`, `cam0-007.png`, `camera-0.png`. What is left of the name
 //! is the view: pictures of one view were taken at one time. A clip (`cam0.y4m`) or a pipe is one camera, and its k-th
-//! picture that is looked at is view k. Interlaced pictures are taken whole: what they show must be held still.
+//! picture that is looked at is view k. A recording of fields (`.mcap`) has all its cameras. Interlaced pictures are taken whole: what they show must be held still.
 
 use crate::Refused;
 use anyhow::{Context, Result, bail, ensure};
+use fpga_model::input::recorded::Recorded;
 use fpga_model::input::source::{Reading, Source};
+use fpga_model::input::whole::{WholePictures, is_recording};
 use fpga_model::input::{Interlace, Picture};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -21,8 +23,8 @@ const CLIP: &str = "y4m";
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct PicturesArgs {
     /// Pictures (PNG, JPEG), clips or pipes (Y4M), or folders of them. Names give the camera: cam0/007.png,
-    /// cam0-007.png, cam0.y4m. Pictures of several cameras with the same number were taken together. The
-    /// step poses also takes one stream (.mcap, .jsonl) of waved instruments.
+    /// cam0-007.png, cam0.y4m. Pictures of several cameras with the same number were taken together. A
+    /// recording of vitreo cameras --record-fields (.mcap) has all cameras and comes alone. The step poses also takes one stream (.mcap, .jsonl) of waved instruments.
     #[arg(long, value_name = "PATH", num_args = 1.., required_unless_present = "cameras", help_heading = "Pictures")]
     pub from: Vec<PathBuf>,
     /// Live cameras in the order of the rig: y4m:PIPE or v4l2:/dev/videoN.
@@ -69,6 +71,8 @@ pub enum Kind {
     Stills(BTreeMap<String, PathBuf>),
     /// A clip, a pipe, or a camera.
     Clip(PathBuf),
+    /// A recording of several cameras.
+    Recording(PathBuf),
 }
 
 /// The number after `cam` or `camera` in a name, and the name without both.
@@ -131,6 +135,11 @@ impl PicturesArgs {
             let feed = |(path, &camera): (&PathBuf, &u32)| Feed { camera, kind: Kind::Clip(path.clone()) };
             return Ok(self.cameras.iter().zip(ids).map(feed).collect());
         }
+        if let [path] = &self.from[..]
+            && is_recording(path)
+        {
+            return of_recording(path, ids);
+        }
         let mut files = Vec::new();
         self.from.iter().try_for_each(|path| files_in(path, 2, &mut files))?;
         let mut feeds: BTreeMap<u32, Kind> = BTreeMap::new();
@@ -178,6 +187,10 @@ impl PicturesArgs {
                     clips.push((feed.camera, path.clone()));
                     continue;
                 }
+                Kind::Recording(path) => {
+                    self.each_of_recording(feed.camera, path, look)?;
+                    continue;
+                }
                 Kind::Stills(views) => views,
             };
             // Spread over all where there are more.
@@ -190,6 +203,24 @@ impl PicturesArgs {
             }
         }
         if clips.is_empty() { Ok(()) } else { self.each_of_clips(&clips, &reading, look) }
+    }
+
+    fn each_of_recording(&self, camera: u32, path: &Path, look: &mut Look<'_>) -> Result<()> {
+        let (mut pictures, mut picture) = (WholePictures::open(path, camera)?, Picture::default());
+        let mut used = 0;
+        while let Some(number) = pictures.read(&mut picture)? {
+            // Pictures of one number were taken together.
+            if !number.is_multiple_of(self.every) {
+                continue;
+            }
+            let (view, file) = (format!("{:04}", number / self.every), path.display());
+            look(camera, &view, &format!("{file}, camera {camera}, picture {number}"), &picture)?;
+            used += 1;
+            if used == self.most {
+                break;
+            }
+        }
+        Ok(())
     }
 
     fn each_of_clips(&self, clips: &[(u32, PathBuf)], reading: &Reading, look: &mut Look<'_>) -> Result<()> {
@@ -208,6 +239,16 @@ impl PicturesArgs {
         }
         Ok(())
     }
+}
+
+/// The cameras of a recording of fields.
+fn of_recording(path: &Path, ids: &[u32]) -> Result<Vec<Feed>> {
+    let cameras = Recorded::head(path)?.cameras;
+    if let Some(camera) = cameras.iter().find(|camera| !ids.contains(camera)) {
+        bail!("{}: the rig has no camera {camera}; its cameras are {ids:?}", path.display());
+    }
+    let feed = |camera| Feed { camera, kind: Kind::Recording(path.into()) };
+    Ok(cameras.into_iter().map(feed).collect())
 }
 
 /// Refuses a picture of another size than its camera's.
@@ -264,7 +305,7 @@ mod tests {
         let feeds = args.feeds(&[0, 1]).unwrap();
         let views = |i: usize| match &feeds[i].kind {
             Kind::Stills(views) => views.keys().cloned().collect::<Vec<_>>(),
-            Kind::Clip(_) => Vec::new(),
+            Kind::Clip(_) | Kind::Recording(_) => Vec::new(),
         };
         assert_eq!((feeds.len(), views(0), views(1)), (2, vec!["1".into(), "2".into()], vec!["1".into()]));
         let refused = |ids: &[u32]| args.feeds(ids).unwrap_err().to_string();

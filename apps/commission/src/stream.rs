@@ -5,6 +5,7 @@ use anyhow::Result;
 use calibration::cli::fields_in;
 use calibration::observations::{FrameObservations, collect};
 use calibration::self_calibration::{spread, usable};
+use fpga_model::input::whole::is_recording;
 use protocol::blobs::BlobField;
 use rig::Rig;
 use std::path::Path;
@@ -28,9 +29,9 @@ pub struct Stream {
     pub seconds: f64,
 }
 
-/// True of what is a stream by its name.
+/// True of what is a stream by its name; a recording of fields has pictures and no blobs.
 pub fn is_stream(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e == "mcap" || e == "jsonl")
+    path.extension().is_some_and(|e| e == "mcap" || e == "jsonl") && !is_recording(path)
 }
 
 /// Reads a stream, and judges whether it can be one of this rig.

@@ -1,12 +1,12 @@
 //! `vitreo run`: the simulator, live.
 //! - `options`, `arguments`: the command line and its value parsers
 //! - `session`: the loop that receives, supervises, records and shows
-//! - `cameras`: real cameras, and waiting for them; `colours`: colour classes; `controls`: a real pedal and
+//! - `cameras`: real cameras, and waiting for them; `recorded_rig`: the rig of recorded ones; `colours`: colour classes; `controls`: a real pedal and
 //!   real handles
 //! - `attempt_control`: requests for a pause, a restart or the next level
 //! - `supervisor`, `policy`, `standby`: starting, restarting, bounding restarts
 //! - `channel_tap`, `recorder`, `resume`: receiving, recording, and the journal for a restarted simulation
-//! - `watch`: warnings; `field_trace`: the timeline of every field
+//! - `delivery`: sources that never deliver; `watch`: warnings; `field_trace`: the timeline of every field
 //! - `likely_cause`: the cause of large residuals, at the end
 //! - `latency_stats`, `load`, `report`: latencies against budgets; `monitor`, `screen`: the status
 
@@ -16,6 +16,7 @@ mod cameras;
 mod channel_tap;
 mod colours;
 mod controls;
+mod delivery;
 mod external;
 mod field_trace;
 mod handed_on;
@@ -25,6 +26,7 @@ mod load;
 mod monitor;
 mod options;
 mod policy;
+mod recorded_rig;
 mod recorder;
 mod report;
 mod resume;
@@ -83,7 +85,8 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     if args.real.unscripted && args.real.poses.is_none() && !cameras::wait(args, &stop).await {
         return Ok(ExitCode::SUCCESS);
     }
-    // The composed scene lasts as long as this does.
+    // The rig of a recording and the composed scene last as long as this does.
+    let (args, _rig) = &args.with_rig_of_recording()?;
     let composed = args.training.module.as_deref();
     let composed = composed
         .map(|m| Composed::new(m, args.training.level, &args.training.surgeon, args.virtual_rig.seed));
@@ -230,6 +233,10 @@ fn missing_singly(report: &Report, input_has_gaps: bool) -> Option<(String, bool
 
 /// The exit code, with its reasons on standard error.
 fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
+    if let Some(problem) = delivery::never_came(args, report) {
+        warn(&problem);
+        return FAILED;
+    }
     let mut code = 0;
     if let Some(recording) = &report.recording {
         if let Some(problem) = &recording.problem {

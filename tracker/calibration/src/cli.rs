@@ -3,6 +3,7 @@
 mod board;
 mod checks;
 mod fixed;
+mod recorded;
 mod rig_file;
 mod stream;
 mod target;

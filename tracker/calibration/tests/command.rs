@@ -1,6 +1,10 @@
 //! The program `vitreo-calibration`: results, refusals, exit codes.
 
+use protocol::blobs::WHOLE_FRAME;
+use protocol::fields::{FieldHeader, PixelFormat};
+use recording::{PixelsHead, PixelsWriter};
 use rig::Rig;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -73,6 +77,68 @@ fn pictures_of_two_cameras_become_a_rig_with_residual_pictures() {
     let new = Rig::load(Path::new(&path("new.json"))).unwrap();
     assert_eq!(new.cameras[1].t, rig.cameras[1].t, "its place stays");
     assert!((new.cameras[1].fx - told["cameras"][0]["lens"][0][1]["value"].as_f64().unwrap()).abs() < 1e-9);
+}
+
+/// The same pictures as a recording of the cameras 4 and 7, one every 25 numbers.
+fn recorded(path: &Path, numbers: &[u32]) {
+    let head =
+        PixelsHead { rig_json: "{}".into(), cameras: vec![4, 7], field_hz: 25.0, realtime_offset_ns: 0 };
+    let mut writer = PixelsWriter::on(File::create(path).unwrap(), path, &head).unwrap();
+    for (i, number) in (0..).zip(numbers) {
+        for (camera, side) in [(4, "left"), (7, "right")] {
+            let picture = image::open(&pictures(side, &[*number])[0]).unwrap().into_luma8();
+            let header = FieldHeader {
+                field: 25 * i,
+                exposed_ns: i + 1,
+                first_line_ns: i + 1,
+                line_period_ns: 1,
+                camera,
+                parity: WHOLE_FRAME,
+                format: PixelFormat::Y8 as u32,
+                width: picture.width(),
+                height: picture.height(),
+                lines: picture.height(),
+            };
+            writer.write(&header, picture.as_raw()).unwrap();
+        }
+    }
+    writer.finish().unwrap();
+}
+
+#[test]
+fn a_recording_serves_as_its_pictures_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (numbers, file) = ([1, 2, 3, 4, 6], path("a.mcap"));
+    recorded(Path::new(&file), &numbers);
+    let fx = |told: &serde_json::Value| told["cameras"][0]["lens"][0][1]["value"].as_f64().unwrap();
+    let of_pictures =
+        report(&[words("intrinsics --json --board 9x6 --camera 4"), pictures("left", &numbers)].concat());
+    let of_recording = report(&words(&format!("intrinsics --json --board 9x6 --camera 4 {file}")));
+    // Luma in the studio range has fewer steps.
+    assert!((fx(&of_recording) / fx(&of_pictures) - 1.0).abs() < 2e-3, "{of_recording}");
+    assert_eq!(of_recording["sheets"].as_array().unwrap().len(), numbers.len());
+    let both = format!(
+        "stereo --board 9x6 --pitch 25 --json --without k3 --left {file} --right {file} --recorded 4 7"
+    );
+    assert!((figure(&report(&words(&both)), "baseline") / 25.0 / 3.345 - 1.0).abs() < 0.02);
+    for (args, named) in [
+        (format!("intrinsics --board 9x6 {file}"), "has no camera 0; its cameras are [4, 7]"),
+        (format!("intrinsics --board 9x6 --camera 4 {file} {file}"), "expected one recording"),
+        (format!("waved {file} -o {}", path("r.json")), "recording of fields without blobs: vitreo blobs"),
+        (format!("pivot {file} -o {}", path("r.json")), "recording of fields without blobs: vitreo blobs"),
+    ] {
+        let (told, code) = refused(&words(&args));
+        assert!(code == 1 && told.contains(named), "{args}: {told}");
+    }
+    // The shipped rig has another size.
+    let rig = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/rig.json").display().to_string();
+    let mut own: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(rig).unwrap()).unwrap();
+    own["cameras"][0]["id"] = 4.into();
+    std::fs::write(path("own.json"), own.to_string()).unwrap();
+    let (told, _) =
+        refused(&words(&format!("intrinsics --board 9x6 --camera 4 --rig {} {file}", path("own.json"))));
+    assert!(told.contains("as camera 4 of the rig has, found 640×480"), "{told}");
 }
 
 #[test]

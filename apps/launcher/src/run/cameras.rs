@@ -2,6 +2,7 @@
 //! pictures (`docs/cameras.md`); checks that they exist, and waits for them.
 
 use super::options::{RealCamerasArgs, RunArgs};
+use super::recorded_rig;
 use crate::exit::WrongUse;
 use crate::runtime::StopSignal;
 use anyhow::Context;
@@ -42,6 +43,10 @@ fn missing(cameras: Option<&Cameras>, rig: Option<&Path>) -> Option<String> {
 /// # Errors
 /// Where it is so.
 pub fn check(real: &RealCamerasArgs, rig: Option<&Path>, direct: bool) -> anyhow::Result<()> {
+    if real.given().is_some() && rig.is_none() {
+        let problem = "--cameras: expected the rig of these cameras, --rig RIG.json (only a recording, mcap:FILE, brings its own)";
+        return Err(WrongUse(problem.into()).into());
+    }
     if let Some(program) = real.program() {
         return check_program(program);
     }
@@ -50,7 +55,8 @@ pub fn check(real: &RealCamerasArgs, rig: Option<&Path>, direct: bool) -> anyhow
         let problem = "--direct: y4m:, mcap:, v4l2: and genicam: deliver pictures, in which the camera hardware detects blobs; omit --direct";
         return Err(WrongUse(problem.into()).into());
     }
-    let cameras = Rig::load_or_shipped(rig).context("--rig")?.cameras.len();
+    let rig = Rig::load_or_shipped(rig).context("--rig")?;
+    let cameras = rig.cameras.len();
     let sources = streams.spread(cameras).len();
     if sources != cameras {
         let problem = format!(
@@ -58,12 +64,13 @@ pub fn check(real: &RealCamerasArgs, rig: Option<&Path>, direct: bool) -> anyhow
         );
         return Err(WrongUse(problem).into());
     }
-    check_sources(streams)
+    check_sources(streams)?;
+    recorded_rig::check(streams, &rig)
 }
 
 /// Refuses sources that are not what they are named as. None is opened: who writes into a pipe may come
 /// later, and a device is opened by who reads it.
-fn check_sources(streams: &Streams) -> anyhow::Result<()> {
+pub(super) fn check_sources(streams: &Streams) -> anyhow::Result<()> {
     for stream in streams.0.iter().filter(|stream| stream.kind.has_path()) {
         let path = &stream.path;
         check_file("--cameras", path)?;
@@ -136,12 +143,17 @@ mod tests {
     fn sources_that_do_not_fit_the_rig_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name).display().to_string();
+        let rig = folder.path().join("rig.json");
+        std::fs::write(&rig, Rig::load_or_shipped(None).unwrap().to_json()).unwrap();
         let refused = |cameras: &str, direct| {
             let real =
                 RealCamerasArgs { cameras: Some(cameras.parse().unwrap()), ..RealCamerasArgs::default() };
-            check(&real, None, direct).err().map(|e| (with_causes(e.as_ref()), e.is::<WrongUse>()))
+            check(&real, Some(&rig), direct).err().map(|e| (with_causes(e.as_ref()), e.is::<WrongUse>()))
         };
         std::fs::write(path("a"), "").unwrap();
+        let without =
+            RealCamerasArgs { cameras: Some("y4m:a".parse().unwrap()), ..RealCamerasArgs::default() };
+        assert!(check(&without, None, false).unwrap_err().to_string().contains("--rig RIG.json"));
         let [a, b] = ["a", "b"].map(|name| format!("y4m:{}", path(name)));
         assert_eq!(refused(&format!("{a},{a},{a}?parity=1"), false), None);
         // The owner of a network name is known only after a query.

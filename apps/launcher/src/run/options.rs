@@ -87,6 +87,9 @@ pub struct RunArgs {
     /// Hidden options for tests.
     #[command(flatten)]
     pub trial: TrialArgs,
+    /// Recording whose rig is used.
+    #[arg(skip)]
+    pub rig_of: Option<PathBuf>,
     /// Desk that replaces cameras and tracker (`vitreo play`).
     #[arg(skip)]
     pub desk: Option<DeskArgs>,
@@ -125,12 +128,12 @@ pub struct RealCamerasArgs {
     /// Source of the pictures: virtual (the default); one source per camera of the rig: v4l2:/dev/videoN,
     /// genicam:NAME (GigE Vision or USB3 Vision; both take ?exposure_us=2000&gain=4&trigger=external) or
     /// y4m:PATH, a pipe or file of fields (?parity=1 if the first field has the odd lines); mcap:FILE, a
-    /// recording of all cameras by vitreo cameras --record-fields (docs/cameras.md); or a program that
-    /// publishes fields (blobs with --direct), handles and pedal (docs/camera-hardware.md).
+    /// recording of all cameras by vitreo cameras --record-fields, which brings its rig (docs/cameras.md); or a program that
+    /// publishes fields (blobs with --direct), handles and pedal (docs/camera-hardware.md). All but virtual and
+    /// mcap: need --rig.
     #[arg(
         long,
         value_name = "virtual|v4l2:DEVICE,...|genicam:NAME,...|y4m:PATH,...|mcap:FILE|PROGRAM",
-        requires = "rig",
         conflicts_with_all = ["blobs", "motion", "faults"]
     )]
     pub cameras: Option<Cameras>,

@@ -82,6 +82,9 @@ pub struct Session<'a> {
     incidents: Vec<Incident>,
     /// Number of times the simulation could not resume.
     states_lost: u64,
+    /// When the source was first waited for, and when this is said next; 0 before.
+    awaited_ns: Nanos,
+    say_awaited_ns: Nanos,
     /// When the cameras were ready; 0 before.
     started_ns: Nanos,
     /// Start of the attempt, shifted by every pause; 0 before.
@@ -217,6 +220,8 @@ impl<'a> Session<'a> {
             lines,
             incidents: Vec::new(),
             states_lost: 0,
+            awaited_ns: 0,
+            say_awaited_ns: 0,
             started_ns: 0,
             attempt_ns: 0,
             watched_ns: 0,
@@ -237,6 +242,7 @@ impl<'a> Session<'a> {
         if !self.args.has_outside_source() {
             self.supervisor.start(self.args.source(), self.args.duration, now())?;
         }
+        self.begin_to_wait(now());
         let why = self.work().await?;
         self.linger().await?;
         Ok(why)
@@ -283,6 +289,9 @@ impl<'a> Session<'a> {
             }
             if self.remaining_ns().is_some_and(|left| left < -(OVERTIME_NS as i64)) {
                 return Ok("duration (the cameras did not say so)");
+            }
+            if self.has_waited_enough(now()) {
+                return Ok("duration (its source never came)");
             }
             if let Some(why) = self.serve_requests().await? {
                 return Ok(why);

@@ -1,5 +1,6 @@
 //! Problems of a run besides tracking: missing inputs, a slow picture. Pure.
 
+use super::delivery::unheard;
 use super::monitor::Monitor;
 use super::options::RunArgs;
 use diagnosis::{Finding, Tracking};
@@ -7,6 +8,8 @@ use protocol::time::Nanos;
 
 /// Time after the start within which a handle or pedal must have come, ns.
 const INPUT_NS: u64 = 3_000_000_000;
+/// Index of the poses in [`CHANNELS`](super::monitor::CHANNELS).
+const POSES: usize = 3;
 /// Stereo frames a second that are asked for: the paper's display shows 85 pictures a second, one
 /// channel after the other.
 const ASKED_HZ: f64 = 42.5;
@@ -17,6 +20,7 @@ const SLOW_SHARE: f64 = 0.8;
 pub fn findings(args: &RunArgs, tracking: &Tracking, monitor: &Monitor, since_ns: Nanos) -> Vec<Finding> {
     // At a desk, or where poses come from outside, nothing is tracked.
     let mut found = if args.is_tracked() { tracking.findings().to_vec() } else { Vec::new() };
+    found.extend(unheard(args, monitor.traffic[POSES].count, since_ns));
     if since_ns >= INPUT_NS {
         // A recorded stream brings blobs alone, another tracker poses, and a driver what it says.
         let outside = args.real.external.is_some() || args.real.poses.is_some();
@@ -103,6 +107,8 @@ mod tests {
         assert_eq!(subjects(&monitor, INPUT_NS), ["handles", "pedal"]);
         let mut other = RunArgs::default();
         other.real.poses = Some("igtl:h:7".parse().unwrap());
+        assert_eq!(findings(&other, &tracking, &monitor, INPUT_NS)[0].subject, "first poses");
+        monitor.note(&Item::Poses(Box::new(Zeroable::zeroed())));
         assert!(findings(&other, &tracking, &monitor, INPUT_NS).is_empty());
         monitor.note(&Item::Pedal(Zeroable::zeroed()));
         monitor.note(&Item::Handle(Zeroable::zeroed()));

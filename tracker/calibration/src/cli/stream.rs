@@ -12,8 +12,9 @@ use crate::pose_file::{self, Poses};
 use crate::report::{Report, camera_report};
 use crate::self_calibration::{SelfCalibration, fitted, fitted_with, spread};
 use crate::target_problem::{rms, robust_sigma};
-use anyhow::{Context, ensure};
+use anyhow::{Context, bail, ensure};
 use blob_stream::BlobReader;
+use fpga_model::input::whole::is_recording;
 use ipc::logging::warn;
 use nalgebra::{Point3, Vector3};
 use outputs::exit::DIFFERS;
@@ -124,6 +125,12 @@ pub fn fields_in(path: &Path) -> anyhow::Result<(Option<String>, Vec<BlobField>)
 
 /// The rig and the fields of a recording.
 fn of_recording(path: &Path) -> anyhow::Result<(Option<String>, Vec<BlobField>)> {
+    if is_recording(path) {
+        let name = path.display();
+        bail!(
+            "{name}: is a recording of fields without blobs: vitreo blobs {name} -o blobs.jsonl finds them; give that file and --rig"
+        );
+    }
     let recording = Recording::open(path)?;
     let progress = progress("reading", Some(recording.bytes()));
     let (mut fields, mut items) = (Vec::new(), recording.items());

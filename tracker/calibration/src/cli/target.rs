@@ -1,6 +1,7 @@
 //! Calibrations that look at a board: `intrinsics`, `stereo`.
 
 use super::checks;
+use super::recorded::{self, EveryArgs};
 use super::{OutputArgs, SolveArgs, pair, positive, progress, short, with_spinner};
 use crate::board::{Board, Pattern, Target};
 use crate::charuco::CharucoBoard;
@@ -12,8 +13,10 @@ use crate::report::{Report, camera_report, view_reports};
 use crate::rig_output::{rig_camera, rig_with, rig_with_lens};
 use crate::target_problem::{Calibrated, FreeParameters, TargetView, calibrate_lens};
 use anyhow::{Context, bail, ensure};
+use fpga_model::input::whole::is_recording;
 use ipc::logging::warn;
 use rig::Rig;
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -63,7 +66,8 @@ impl BoardArgs {
 /// Arguments of `vitreo calibrate intrinsics`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct IntrinsicsArgs {
-    /// Pictures of the board (PNG, JPEG), in a different pose in each.
+    /// Pictures of the board (PNG, JPEG), in a different pose in each, or a recording of vitreo cameras
+    /// --record-fields (.mcap).
     #[arg(value_name = "PICTURE", required_unless_present = "points", conflicts_with = "points")]
     pub pictures: Vec<PathBuf>,
     #[command(flatten)]
@@ -77,7 +81,9 @@ pub struct IntrinsicsArgs {
     /// Rig whose camera gets the lens [default: only the camera is written].
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
-    /// Id of the camera in the rig.
+    #[command(flatten)]
+    pub every: EveryArgs,
+    /// Id of the camera in the rig and in a recording.
     #[arg(long, value_name = "ID", default_value_t = 0)]
     pub camera: u32,
     #[command(flatten)]
@@ -89,12 +95,17 @@ pub struct IntrinsicsArgs {
 /// Arguments of `vitreo calibrate stereo`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct StereoArgs {
-    /// Pictures of the first camera.
+    /// Pictures of the first camera, or a recording (.mcap).
     #[arg(long, value_name = "PICTURE", num_args = 1.., required_unless_present = "points")]
     pub left: Vec<PathBuf>,
-    /// Pictures of the second camera at the same instants, in the same order.
+    /// Pictures of the second camera at the same instants, in the same order, or the same recording.
     #[arg(long, value_name = "PICTURE", num_args = 1.., required_unless_present = "points")]
     pub right: Vec<PathBuf>,
+    #[command(flatten)]
+    pub every: EveryArgs,
+    /// Ids of the first and second camera in a recording.
+    #[arg(long, value_name = "ID", num_args = 2, default_values_t = [0, 1], help_heading = "Pictures")]
+    pub recorded: Vec<u32>,
     /// Point lists instead of pictures, one per camera for two or more cameras; views with the same name were taken at
     /// the same time.
     #[arg(long, value_name = "FILE", num_args = 2.., requires = "size", conflicts_with_all = ["left", "right"])]
@@ -145,31 +156,68 @@ fn pass_over_weak(sheets: &mut Vec<TargetView>) -> Vec<String> {
 }
 
 /// Boards in the pictures of one camera, which are of one size.
-fn views_of_pictures(pictures: &[PathBuf], board: &Target, camera: usize) -> anyhow::Result<Views> {
-    let progress = progress("pictures", Some(pictures.len() as u64));
-    let (mut sheets, mut notes, mut size) = (Vec::new(), Vec::new(), None);
-    for (view, path) in pictures.iter().enumerate() {
-        let picture = GreyImage::load(path)?;
+struct Search<'a> {
+    board: &'a Target,
+    /// Its index among the calibrated cameras.
+    camera: usize,
+    size: Option<[u32; 2]>,
+    sheets: Vec<TargetView>,
+    notes: Vec<String>,
+}
+
+impl Search<'_> {
+    /// Looks at one picture; `short` is its name in tables.
+    fn look(&mut self, view: usize, name: &str, short: String, picture: &GreyImage) -> anyhow::Result<()> {
         let [x, y] = [picture.width as u32, picture.height as u32];
-        let [w, h] = *size.get_or_insert([x, y]);
-        ensure!(
-            [x, y] == [w, h],
-            "{}: expected {w}×{h} px as in the pictures before, found {x}×{y}",
-            path.display()
-        );
-        match board.find(&picture) {
-            Ok(samples) => sheets.push(TargetView { name: short(path), camera, view, samples }),
-            Err(problem) => notes.push(format!("{} passed over: {problem}", path.display())),
+        let [w, h] = *self.size.get_or_insert([x, y]);
+        ensure!([x, y] == [w, h], "{name}: expected {w}×{h} px as in the pictures before, found {x}×{y}");
+        match self.board.find(picture) {
+            Ok(samples) => {
+                self.sheets.push(TargetView { name: short, camera: self.camera, view, samples });
+            }
+            Err(problem) => self.notes.push(format!("{name} passed over: {problem}")),
         }
-        progress.inc(1);
+        Ok(())
+    }
+}
+
+/// Boards in pictures, or in those of camera `id` in a recording.
+fn views_of_pictures(
+    pictures: &[PathBuf],
+    board: &Target,
+    camera: usize,
+    (id, every): (u32, EveryArgs),
+) -> anyhow::Result<Views> {
+    let mut search = Search { board, camera, size: None, sheets: Vec::new(), notes: Vec::new() };
+    let is_recorded = pictures.iter().any(|path| is_recording(path));
+    ensure!(!is_recorded || pictures.len() == 1, "expected one recording (.mcap) or pictures, found both");
+    let progress = progress("pictures", (!is_recorded).then_some(pictures.len() as u64));
+    for (view, path) in pictures.iter().enumerate() {
+        if is_recorded {
+            recorded::each(path, id, every, |number, name, picture| {
+                progress.inc(1);
+                search.look(number as usize, &name, format!("{} {number}", short(path)), picture)
+            })?;
+        } else {
+            search.look(view, &path.display().to_string(), short(path), &GreyImage::load(path)?)?;
+            progress.inc(1);
+        }
     }
     progress.finish_and_clear();
+    let Search { size, sheets, notes, .. } = search;
     if sheets.is_empty() {
         notes.iter().skip(1).for_each(|n| warn(n));
         let first = notes.first().cloned().unwrap_or_default();
-        bail!("the board was found in none of {} pictures: {first}", pictures.len());
+        bail!("the board was found in none of {} pictures: {first}", notes.len());
     }
     Ok(Views { sheets, sizes_px: vec![size.context("no picture")?], notes })
+}
+
+/// Numbers views from 0 without gaps, as pictures of a recording are not.
+fn renumber(sheets: &mut [TargetView]) {
+    let views: BTreeSet<usize> = sheets.iter().map(|sheet| sheet.view).collect();
+    let place = |view: usize| views.range(..view).count();
+    sheets.iter_mut().for_each(|sheet| sheet.view = place(sheet.view));
 }
 
 /// Views of the point lists of one camera.
@@ -210,7 +258,10 @@ pub(super) fn report_of(
 /// Pictures, lists or a rig that cannot be read, too few or degenerate views, or no solution.
 pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
     let Views { sheets, sizes_px, notes } = if args.points.is_empty() {
-        views_of_pictures(&args.pictures, &args.board.board()?, 0)?
+        let mut views =
+            views_of_pictures(&args.pictures, &args.board.board()?, 0, (args.camera, args.every))?;
+        renumber(&mut views.sheets);
+        views
     } else {
         let size = args.size.context("--size is needed with --points")?;
         let mut sheets = sheets_of_lists(&args.points, 0)?;
@@ -258,11 +309,13 @@ fn views_of_pairs(args: &StereoArgs) -> anyhow::Result<Views> {
     let (l, r) = (args.left.len(), args.right.len());
     ensure!(l == r, "expected as many right as left pictures, found {l} left and {r} right");
     let board = args.board.board()?;
-    let mut views = views_of_pictures(&args.left, &board, 0)?;
-    let right = views_of_pictures(&args.right, &board, 1)?;
+    let [first, second] = [args.recorded[0], args.recorded[1]].map(|id| (id, args.every));
+    let mut views = views_of_pictures(&args.left, &board, 0, first)?;
+    let right = views_of_pictures(&args.right, &board, 1, second)?;
     views.sheets.extend(right.sheets);
     views.sizes_px.extend(right.sizes_px);
     views.notes.extend(right.notes);
+    renumber(&mut views.sheets);
     Ok(views)
 }
 

@@ -173,7 +173,10 @@ fn setup(args: &RunArgs, view: View, provenance: &Provenance) -> Setup {
     Setup {
         instance: args.instance.clone(),
         scene: provenance.scene_name.clone(),
-        rig: args.rig.rig.as_deref().map_or("shipped".into(), path),
+        rig: match &args.rig_of {
+            Some(recording) => format!("of {}", path(recording)),
+            None => args.rig.rig.as_deref().map_or("shipped".into(), path),
+        },
         seed: args.virtual_rig.seed,
         source,
         colours: args.extraction.colours.as_deref().map_or("shipped".into(), path),

@@ -1,12 +1,16 @@
 //! External drivers in a run: inviting them, waiting for them, reporting when they connect and leave.
 
 use super::Session;
+use crate::run::delivery::{UNHEARD_NS, awaited};
 use crate::run::external::waiting_for;
 use crate::run::report::Incident;
 use ipc::clock::now;
 use protocol::health::Process;
 use protocol::time::Nanos;
 use recording::{Note, NoteKind};
+
+/// Period of the messages about a source that is waited for, ns.
+const REMINDER_NS: u64 = 10_000_000_000;
 
 impl Session<'_> {
     /// Tells programs of other makers that they can come: what receives is at work.
@@ -23,14 +27,27 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Driver that a run waits for before it begins, if any.
+    /// From here on the run waits for its source.
+    pub(super) fn begin_to_wait(&mut self, at: Nanos) {
+        (self.awaited_ns, self.say_awaited_ns) = (at, at + UNHEARD_NS);
+    }
+
+    /// Whether a run with a duration has waited long enough for a source that has not come.
+    pub(super) fn has_waited_enough(&self, at: Nanos) -> bool {
+        let waited_ns = at.saturating_sub(self.awaited_ns);
+        self.started_ns == 0 && self.args.patience_ns().is_some_and(|patience| waited_ns > patience)
+    }
+
+    /// Tells from time to time what a run waits for before it begins.
     pub(super) fn say_what_is_awaited(&mut self, at: Nanos) {
-        if let Some(channel) = self.args.source().drives()
-            && self.args.has_outside_source()
-            && self.screen.due(at)
-        {
-            self.screen.print(&waiting_for(&self.args.instance, &[channel]));
-        }
+        let Some(source) = self.args.outside_source().filter(|_| at >= self.say_awaited_ns) else { return };
+        self.say_awaited_ns = at + REMINDER_NS;
+        let driver = self.args.source().drives().filter(|_| self.args.has_outside_source());
+        let says = match driver {
+            Some(channel) => waiting_for(&self.args.instance, &[channel]),
+            None => self.supervisor.words_of(self.args.source()),
+        };
+        self.screen.print(&awaited(&source, &says, at.saturating_sub(self.awaited_ns)));
     }
 
     /// Tells that a driver has come or gone, on the screen, in the recording and in the report.
