@@ -45,7 +45,7 @@ impl OfLast {
             }
             _ => return None,
         };
-        if judgement.holds {
+        if !judgement.is_reported() {
             return None;
         }
         let what = format!("{:.2} px are left of the blobs, more than noise", judgement.left_px);

@@ -5,6 +5,9 @@ use serde::Serialize;
 
 /// Share of the blobs without a marker that is said.
 const STRANGERS: f64 = 0.15;
+/// What no cause explains is reported at the end of a run only above this, px RMS above the noise: lenses of real cameras
+/// leave less that no cause of the catalogue stands for, in every run.
+const REPORTED_PX: f64 = 0.1;
 
 /// A cause with its evidence.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -81,6 +84,15 @@ impl Judgement {
         }
     }
 
+    /// True for what is said at the end of a run: a cause, or much that none explains.
+    pub fn is_reported(&self) -> bool {
+        match self.verdict {
+            Verdict::TooLittle | Verdict::NothingWrong => false,
+            Verdict::Unknown => !self.holds && self.above_px > REPORTED_PX,
+            Verdict::Explained | Verdict::Stopped => !self.holds,
+        }
+    }
+
     /// For the end of a run: the likely cause, since when, and what helps; `None` where the rig holds or there
     /// was too little to judge. `starts_s`: instant of the first field that was judged, s after the run's first.
     pub fn paragraph(&self, starts_s: f64) -> Option<String> {
@@ -89,7 +101,7 @@ impl Judgement {
             _ => "from the start".into(),
         };
         let left = format!("{:.2} px are left of the blobs {since}", self.left_px);
-        if self.holds {
+        if !self.is_reported() {
             return None;
         }
         match self.verdict {
@@ -123,5 +135,31 @@ impl Judgement {
     fn what_helps(&self) -> String {
         let remedies = self.remedies();
         if remedies.is_empty() { remedies } else { format!(". What helps: {remedies}") }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_no_cause_explains_is_reported_at_the_end_where_it_is_much() {
+        let judgement = |verdict, above_px| Judgement {
+            verdict,
+            left_px: 0.3,
+            blobs: 5000,
+            since_s: 0.0,
+            holds: false,
+            above_px,
+            unexplained: 0.0,
+            explanations: Vec::new(),
+            tried: 29,
+        };
+        let little = judgement(Verdict::Unknown, 0.03);
+        assert_eq!(little.paragraph(0.0), None);
+        assert!(little.text().contains("none of 29 causes"), "who asks for it is answered");
+        let much = judgement(Verdict::Unknown, 0.2).paragraph(0.0).expect("a paragraph");
+        assert!(much.contains("none of 29 known causes explains it"), "{much}");
+        assert!(judgement(Verdict::Stopped, 0.03).paragraph(0.0).is_some());
     }
 }
