@@ -330,8 +330,10 @@ fn a_pipe_without_a_writer_hangs_nothing() {
     observer
         .health(Process::VirtualRig, |h| h.text().contains("no program has written a picture into its pipe"));
     interrupt(run.pid());
-    let finished = run.finish().expect_code(0);
+    // Not one pose has come of it, which is a failure.
+    let finished = run.finish().expect_code(1);
     assert!(finished.stderr.contains("is not ready"), "{}", finished.stderr);
+    assert!(finished.stderr.contains("the run had not one pose"), "{}", finished.stderr);
 }
 
 #[test]
