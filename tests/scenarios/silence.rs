@@ -53,7 +53,11 @@ fn a_source_that_never_delivers_is_named_and_its_run_fails() {
             while_it_waits: "is the tracker sending?",
         },
         with_rig("--blobs", blobs, "is it sending?"),
-        with_rig("--cameras", format!("y4m:{a},y4m:{b},y4m:{c}"), "no program has written a picture into its pipe"),
+        with_rig(
+            "--cameras",
+            format!("y4m:{a},y4m:{b},y4m:{c}"),
+            "no program has written a picture into its pipe",
+        ),
         with_rig("--external", "blobs".into(), "waiting for a program that sends blobs"),
     ];
     // They wait side by side.
