@@ -49,7 +49,7 @@ fn where_nothing_is_wrong_nothing_is_named() {
 fn nothing_broken_is_said_to_hold_and_no_innocent_is_blamed() {
     // `make judge` has the others; those of odd seeds have rigs of their own. Cameras of 0 to 15 are free-running; 0 is
     // intact.
-    for seed in [0, 3, 18, 20, 22, 23] {
+    for seed in (0..8).chain([18, 20, 22, 23]) {
         let said = said(seed, seed % 2 == 1, false);
         println!("seed {seed}, {}\n    {}", said.truth, said.judgement.text());
         assert!(!said.holds_wrongly() && !said.is_blamed_wrongly(), "seed {seed}: {}", said.judgement.text());
