@@ -1,8 +1,8 @@
 //! `vitreo run`: the simulator, live.
 //! - `options`, `arguments`: the command line and its value parsers
 //! - `session`: the loop that receives, supervises, records and shows
-//! - `cameras`: real cameras, and waiting for them; `recorded_rig`: the rig of recorded ones; `colours`: colour classes; `controls`: a real pedal and
-//!   real handles
+//! - `cameras`: real cameras, and waiting for them; `recorded_rig`: the rig of recorded ones
+//! - `colours`: colour classes; `controls`: a real pedal and real handles
 //! - `attempt_control`: requests for a pause, a restart or the next level
 //! - `supervisor`, `policy`, `standby`: starting, restarting, bounding restarts
 //! - `channel_tap`, `recorder`, `resume`: receiving, recording, and the journal for a restarted simulation
