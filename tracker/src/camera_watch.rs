@@ -111,38 +111,33 @@ impl std::fmt::Display for Notice {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Notice::Moved { camera, px } => {
-                let by =
-                    if *px > 0.0 { format!("moved by {px:.1} px or more") } else { "lies elsewhere".into() };
+                let by = if *px > 0.0 { format!("{px:.1} px or more") } else { "too far".into() };
                 write!(
                     f,
-                    "bad calibration of camera {camera}: its picture {by}; it is left out, and its place is \
-                     estimated from the others"
+                    "camera {camera}'s blobs are {by} from where the other cameras place the markers; it is \
+                     excluded, and its pose is estimated from the others"
                 )
             }
             Notice::Cleared { camera } => {
                 write!(
                     f,
-                    "camera {camera} is used again at its place in the rig file: the others disagree \
+                    "camera {camera} is used again with its pose in the rig file: the others disagree \
                      without it too"
                 )
             }
             Notice::TakenBack { camera, px } => write!(
                 f,
-                "camera {camera} is used again at a place estimated from the others ({px:.1} px from its \
-                 place in the rig file): calibrate again"
+                "camera {camera} is used again with a pose estimated from the others; against its pose in the rig \
+                 file, the picture shifts by {px:.1} px"
             ),
             Notice::StillMoving { camera } => {
-                write!(f, "camera {camera} keeps moving and stays left out: fasten it, then calibrate again")
+                write!(f, "camera {camera}'s estimated pose keeps changing; it stays excluded")
             }
             Notice::Disagree { cameras } => {
                 let ids: Vec<String> =
                     (0..32).filter(|c| cameras & (1 << c) != 0).map(|c| c.to_string()).collect();
                 let ids = ids.join(", ");
-                write!(
-                    f,
-                    "cameras {ids} disagree, and leaving out none of them helps: one or more of them were \
-                     moved; calibrate the rig again"
-                )
+                write!(f, "cameras {ids} disagree about where the markers are, whichever one is excluded")
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::tracker::Tracker;
 
-/// Tells each thing once.
+/// Logs each change once.
 #[derive(Debug, Clone, Default)]
 pub struct Report {
     drift: bool,
@@ -10,8 +10,8 @@ pub struct Report {
 }
 
 impl Report {
-    /// Logs what is new: a rig that has drifted by more than the corrections of every calibration, cameras
-    /// that were knocked, filters that began anew. `field`: of the newest frame.
+    /// Logs what has changed: a rig that has drifted by more than the corrections of every calibration, cameras
+    /// that disagree with the others, filters that were reset. `field`: of the newest frame.
     pub fn tell(&mut self, tracker: &mut Tracker, field: u64) {
         let drift = tracker.drift().filter(|r| r.detected && r.is_large());
         if let Some(report) = drift.filter(|_| !self.drift) {

@@ -119,7 +119,7 @@ fn a_camera_that_is_being_resected_is_resected_on() {
         notices(&mut tracker)
     });
     assert_eq!(all[0], all[1]);
-    assert!(all[0].iter().any(|n| n.contains("used again at a place estimated")), "{all:?}");
+    assert!(all[0].iter().any(|n| n.contains("used again with a pose estimated")), "{all:?}");
 }
 
 #[test]

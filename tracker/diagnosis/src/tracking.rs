@@ -281,16 +281,19 @@ impl Tracking {
             let own = ratio(seen.used, seen.blobs);
             let is_in = |set: u32| set.checked_shr(id).unwrap_or(0) & 1 == 1;
             if is_in(self.left_out) {
-                let what = format!("bad calibration of camera {id}: it is left out");
+                let what = format!(
+                    "camera {id} is excluded because its blobs are not where the other cameras place the markers"
+                );
                 found.push(finding(id, what, MOVED, FASTEN));
             } else if is_in(self.estimated) {
-                let what =
-                    format!("camera {id} is used at a place estimated from the others, not from the rig");
+                let what = format!(
+                    "camera {id} is used with a pose estimated from the others, not that of the rig file"
+                );
                 let subject = format!("place of camera {id}");
                 found.push(Finding { subject, ..finding(id, what, MOVED, RECALIBRATE) });
             } else if let Some(d) = self.dissenter.filter(|d| d.camera == id) {
                 let px = d.off_px;
-                let what = format!("camera {id} agrees with no other camera, by {px:.1} px or more");
+                let what = format!("camera {id} is off from every other camera, by {px:.1} px or more");
                 found.push(finding(id, what, MOVED, RECALIBRATE));
             } else if seen.fields == 0 {
                 let subject = format!("{FIELDS_OF}camera {id}");
@@ -347,7 +350,7 @@ const MOVED: &str = "it or the others were moved or refocused, or the rig file i
 pub(crate) const RECALIBRATE: &str =
     "record while both instruments are waved, then: vitreo calibrate waved RECORDING.mcap -o new-rig.json";
 pub(crate) const FASTEN: &str =
-    "fasten it; its place is estimated from the others within seconds; then calibrate again";
+    "fasten it; its pose is estimated from the others within seconds; then calibrate again";
 /// With these begin the subjects of what a camera's driver may know better: nothing comes, nothing is seen.
 const FIELDS_OF: &str = "fields of ";
 const PICTURE_OF: &str = "picture of ";
@@ -459,7 +462,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_the_tracker_leaves_out_or_placed_anew_is_told() {
+    fn a_camera_that_the_tracker_excludes_or_has_resected_is_reported() {
         let told = |left_out, estimated| {
             let mut tracking = Tracking::new(&Rig::load_or_shipped(None).unwrap());
             for n in 0..=100 {
@@ -469,9 +472,9 @@ mod tests {
             }
             tracking.findings().iter().map(Finding::text).collect::<Vec<String>>()[1].clone()
         };
-        assert!(told(0b010, 0).contains("bad calibration of camera 1"), "{}", told(0b010, 0));
+        assert!(told(0b010, 0).contains("camera 1 is excluded"), "{}", told(0b010, 0));
         let estimated = told(0, 0b010);
-        assert!(estimated.contains("camera 1 is used at a place estimated from the others"), "{estimated}");
+        assert!(estimated.contains("camera 1 is used with a pose estimated from the others"), "{estimated}");
     }
 
     #[test]

@@ -84,7 +84,7 @@ mod tests {
             finding("no fields come from camera 1", "fields of camera 1"),
             finding("no fields come from camera 11", "fields of camera 11"),
             finding("camera 2 sees no markers", "picture of camera 2"),
-            finding("camera 1 is used at a place estimated from the others", "place of camera 1"),
+            finding("camera 1 is used with a pose estimated from the others", "place of camera 1"),
         ];
         let trouble =
             finding("camera 1 was closed by its writer; camera 2 delivers only black pictures", "cameras");
