@@ -1,5 +1,5 @@
-# Everything a stranger types. Each target sets up what it needs on Debian and its relatives.
-# `make` alone says what there is.
+# The commands of a new user. On Debian and derivatives, each target installs what it needs.
+# `make` alone lists the targets.
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
@@ -44,10 +44,10 @@ PACKAGE_C_FLAGS ?= -ffile-prefix-map=$(CARGO_FOLDER)=/cargo -ffile-prefix-map=$(
 DEB = target/debian/vitreo_$(VERSION)-1_$$(dpkg --print-architecture).deb
 INSTALL := DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
-help: ## Say what there is
+help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-setup: ## Install C and C++ compilers, Python, a Vulkan driver and Rust, where they are missing
+setup: ## Install missing tools: C and C++ compilers, Python, a Vulkan driver, Rust
 	@set -eu; missing=""; \
 	command -v cc >/dev/null || missing="$$missing gcc libc6-dev"; \
 	command -v c++ >/dev/null || missing="$$missing g++"; \
@@ -66,7 +66,7 @@ setup: ## Install C and C++ compilers, Python, a Vulkan driver and Rust, where t
 	command -v cargo >/dev/null || { echo "installing Rust"; \
 		curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs | sh -s -- -y --profile minimal -c clippy -c rustfmt; }
 
-demo: setup ## Run 20 s of surgery, judge its latencies; leave recording, report, pictures and a film in out/
+demo: setup ## Run 20 s of surgery and check its latency; writes a recording, a report, pictures and a film to out/
 	cargo build --release
 	@mkdir -p out
 	$(RELEASE) run --headless --instance demo --duration 20 --force --record out/demo.mcap --report out/report.json
@@ -81,11 +81,11 @@ demo: setup ## Run 20 s of surgery, judge its latencies; leave recording, report
 	echo "  report      out/report.json   every figure of the run"; echo
 	@$(RELEASE) budgets out/report.json --forgive-load --brief
 
-demo-repeat: setup ## Run what the demo judges 20 times in a row (RUNS=10 BESIDE=50: beside a program that takes half a core)
+demo-repeat: setup ## Run the demo's latency check 20 times in a row (RUNS=10 BESIDE=50: beside a program that takes half a core)
 	cargo build --release
 	RUNS="$(RUNS)" BESIDE="$(BESIDE)" VITREO=$(TARGET)/release packaging/tools/demo-repeat
 
-test: setup ## Format, lint, build and run every check
+test: setup ## Check the format, lint, build, and run all tests
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets -- -D warnings
 	cargo build --release --workspace
@@ -96,40 +96,40 @@ test: setup ## Format, lint, build and run every check
 	@if [ -s $(SKIPPED) ]; then echo "$$(wc -l < $(SKIPPED)) tests were skipped:"; sort $(SKIPPED); \
 		else echo "no test was skipped"; fi
 
-latency: setup ## Run the simulator three times on a quiet machine; all latency budgets must be kept twice (LATENCY="--duration 60")
+latency: setup ## Run the simulator three times on an idle machine; at least two runs must meet all latency budgets (LATENCY="--duration 60")
 	cargo build --release
 	@mkdir -p out
 	for n in 1 2 3; do \
 		$(RELEASE) run --headless --instance latency $(or $(LATENCY),--duration 30) --force --report out/latency-$$n.json || exit 1; done
 	$(RELEASE) budgets out/latency-1.json out/latency-2.json out/latency-3.json --at-least 2
 
-soak: setup ## Run 1,000 random programmes of 60 s over random scenes, every step checked (three quarters of an hour on two cores; SOAK="--programmes 20")
+soak: setup ## Run 1,000 random programmes of 60 s in random scenes and check every step (45 min on two cores; SOAK="--programmes 20")
 	cargo run --release -p validation --example soak -- $(SOAK)
 
-hour: setup ## Run an hour of every stream, scene and module at full speed, and compare its end with its beginning (HOUR="--minutes 10 --only hard")
+hour: setup ## Run an hour of every stream, scene and module at full speed, and compare the end with the beginning (HOUR="--minutes 10 --only hard")
 	cargo run --release -p validation --example hour -- $(HOUR)
 
-hour-live: setup ## Run an hour live with the picture and a recording, then verify the recording (LIVE="--duration 600")
+hour-live: setup ## Run an hour live with picture and recording, then verify the recording (LIVE="--duration 600")
 	cargo build --release
 	@mkdir -p out
 	$(RELEASE) run --headless --instance hour $(or $(LIVE),--duration 3600) --force --assert-tracking 0.99 --record out/hour.mcap --report out/hour.json
 	$(RELEASE) replay out/hour.mcap --lockstep --verify
 
-seek: setup ## Record an hour at full speed, then hold opening it, going to any place of it and the memory for it to their limits (SEEK="--minutes 10", SEEK="--scene 'module navigation' --force")
+seek: setup ## Record an hour at full speed, then check time and memory of opening it and of seeking in it (SEEK="--minutes 10", SEEK="--scene 'module navigation' --force")
 	@mkdir -p out
 	cargo run --release -p validation --example seek -- $(SEEK)
 
-defects: setup ## Plant a hundred defects in recordings, and print which of them vitreo diff names (DEFECTS="--count 30 --each")
+defects: setup ## Plant 100 defects in recordings, and print which of them vitreo diff names (DEFECTS="--count 30 --each")
 	cargo run --release -p validation --example defects -- $(DEFECTS)
 
-judge: setup ## Plant defects in 100 streams, draw 100 of intact rigs, and print what the commands report of them (JUDGE="--seeds 20 --intact 20 --from 1")
+judge: setup ## Plant defects in 100 streams, generate 100 streams of intact rigs, and print what the commands report (JUDGE="--seeds 20 --intact 20 --from 1")
 	cargo run --release -p validation --example judge -- $(JUDGE)
 
-fuzz: setup ## Try hostile inputs on every reader and message, 60 s each (FUZZ="--seconds 10 rig-json", FUZZ="--whole wire")
+fuzz: setup ## Fuzz every reader and message, 60 s each (FUZZ="--seconds 10 rig-json", FUZZ="--whole wire")
 	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/proofs/fuzz/rustc-with-coverage cargo build --workspace --bin fuzz
 	$(TARGET)/debug/fuzz run $(FUZZ)
 
-endure: setup ## Kill and stop processes a thousand times, and take disk, memory and rights away (an hour; ENDURE="--kills 100")
+endure: setup ## Kill and suspend processes 1,000 times, and withdraw disk space, memory and permissions (an hour; ENDURE="--kills 100")
 	cargo build --release --workspace
 	cargo run --release -p vitreo-tests --example endure -- $(ENDURE)
 
@@ -139,7 +139,7 @@ setup-python:
 	@[ -x .venv/bin/pip ] || python3 -m venv .venv
 	.venv/bin/pip install -q -r tests/python/requirements.txt
 
-test-python: setup setup-python ## Read a fresh recording with Python's mcap, and live poses by OpenIGTLink and the Lab Streaming Layer
+test-python: setup setup-python ## Read a new recording with Python's mcap, and live poses through OpenIGTLink and the Lab Streaming Layer
 	cargo build --release --workspace
 	@mkdir -p out
 	$(RELEASE) run --no-picture --direct --instance python --duration 4 --force --record out/python.mcap
@@ -147,7 +147,7 @@ test-python: setup setup-python ## Read a fresh recording with Python's mcap, an
 	.venv/bin/python tests/python/igtl_client.py $(RELEASE) out/igtl.mcap
 	.venv/bin/python tests/python/lsl_client.py $(abspath $(TARGET))/release out/lsl.mcap
 
-test-genicam: setup ## Run three GenICam cameras of aravis' making, with and without loss of packets, and with one that goes away (SECONDS_EACH=60)
+test-genicam: setup ## Run three GenICam cameras simulated by aravis: with and without lost packets, and with one that disconnects (SECONDS_EACH=60)
 	@missing=""; command -v arv-fake-gv-camera-0.8 >/dev/null || missing="$$missing aravis-tools"; \
 	command -v ip >/dev/null || missing="$$missing iproute2"; \
 	pkg-config --exists aravis-0.8 2>/dev/null || missing="$$missing libaravis-dev libusb-1.0-0-dev"; \
@@ -156,19 +156,19 @@ test-genicam: setup ## Run three GenICam cameras of aravis' making, with and wit
 	cargo build --release --workspace --bins --features cameras/genicam
 	SECONDS_EACH="$(SECONDS_EACH)" VITREO=$(TARGET)/release packaging/tools/test-genicam
 
-test-display: setup ## Hold what an X server and a Wayland compositor say of when they showed pictures (installs xvfb and weston)
+test-display: setup ## Check the presentation times that an X server and a Wayland compositor report (installs xvfb and weston)
 	@missing=""; command -v Xvfb >/dev/null || missing="$$missing xvfb"; command -v weston >/dev/null || missing="$$missing weston"; \
 	if [ -n "$$missing" ]; then $(AS_ROOT) apt-get update -qq; $(AS_ROOT) env $(INSTALL) $$missing; fi
 	cargo build --release --workspace
 	VITREO=$(TARGET)/release packaging/tools/test-display
 
-test-drivers: setup setup-python ## Kill a driver a hundred times during a run, and install and use the Python package (KILLS=1000)
+test-drivers: setup setup-python ## Kill a driver 100 times during a run, and install and use the Python package (KILLS=1000)
 	cargo build --release --workspace
 	VITREO_KILLS=$(or $(KILLS),100) cargo test --release --workspace --test scenarios drivers -- --test-threads 1
 	.venv/bin/python -m pip install -q --force-reinstall ./drivers/python
 	VITREO_LIBRARY=$(abspath $(TARGET))/release/libvitreo.so .venv/bin/python -c 'import vitreo; print("vitreo", vitreo.now())'
 
-test-viewers: test-python ## Convert that recording for Rerun, and account for every channel (installs 800 MB)
+test-viewers: test-python ## Convert that recording for Rerun, and check every channel (installs 800 MB)
 	.venv/bin/python -m pip install -q -r tests/python/requirements-rerun.txt
 	.venv/bin/python tests/python/rerun_recording.py out/python.mcap out/rerun
 
@@ -180,16 +180,16 @@ fleet: setup
 		$(RELEASE) run --module $$m --no-picture --direct --instance fleet --duration 2 --force --record out/fleet-sources/$$m.mcap >/dev/null || exit 1; done
 	cargo run -q --release -p recording --example copies -- 1000 out/fleet out/fleet-sources/*.mcap
 
-test-slurm: fleet ## Score 1,000 recordings on a Slurm of this machine (installed where missing) whose workers are killed
+test-slurm: fleet ## Score 1,000 recordings with Slurm on this machine (installed if missing) while workers are killed
 	VITREO=$(TARGET)/release packaging/tools/test-slurm
 
-test-s3: fleet setup-python ## Score 1,000 recordings out of an object store on this machine, workers killed, objects lost and refused
+test-s3: fleet setup-python ## Score 1,000 recordings from an object store on this machine, with killed workers, lost and refused objects
 	.venv/bin/pip install -q -r tests/python/requirements-s3.txt
 	cargo test --release -p replay --features object-store --lib objects
 	cargo build --release -p replay --features object-store
 	.venv/bin/python tests/python/score_from_store.py $(RELEASE) out/fleet
 
-bench: setup ## Measure the parts, and latency and CPU cost without and with the picture
+bench: setup ## Run the benchmarks, and measure latency and CPU cost without and with the picture
 	cargo bench -p fpga-model --bench scan
 	cargo bench -p validation --bench collision
 	cargo bench -p validation --bench tissue
@@ -203,7 +203,7 @@ bench: setup ## Measure the parts, and latency and CPU cost without and with the
 	$(RELEASE) run --no-picture --instance bench --duration 30 --force --report out/bench-no-picture.json
 	$(RELEASE) run --headless --instance bench --duration 30 --force --report out/bench-headless.json
 
-bench-score: setup ## Measure how fast recordings are scored on one core, without and with simulating again
+bench-score: setup ## Measure the speed of scoring on one core, without and with simulating again
 	cargo build --release
 	@mkdir -p out/score
 	for m in $(SCORED); do \
@@ -212,32 +212,32 @@ bench-score: setup ## Measure how fast recordings are scored on one core, withou
 		$(RELEASE) score out/score/$$m.mcap --jobs 1 --force --csv out/score/$$m.csv $$how || exit 1; done; \
 		$(RELEASE) score $(SCORED:%=out/score/%.mcap) --jobs 1 --force --csv out/score/all.csv $$how || exit 1; done
 
-validation: setup ## Compare the tissue with closed forms; pictures into docs/validation
+validation: setup ## Compare the tissue with closed forms; writes pictures to docs/validation
 	cargo run --release -p validation --example validation
 
-study: setup ## Let five scripted surgeons and recorded hands do the training modules; docs/study.md and its picture (STUDY="--seeds 4")
+study: setup ## Run five scripted surgeons and recorded hands through the training modules; writes docs/study.md (STUDY="--seeds 4")
 	cargo run --release -p validation --example study -- --page docs/study.md $(STUDY)
 
-golden: setup ## Renew the recording that every build must replay to the bit; say in the commit why
+golden: setup ## Renew the recording that every build must replay bit for bit; give the reason in the commit
 	cargo build --release
 	$(RELEASE) run --no-picture --instance golden --duration 2 --force --record tests/data/golden/peel-2s.mcap
 	cargo test --release -p replay --lib leave_out -- --ignored
 
-tracker-version: setup ## Raise the version of the tracker's arithmetic where it has changed, then renew the golden recording
+tracker-version: setup ## Raise the version of the tracker's arithmetic if it has changed, then renew the golden recording
 	cargo test --release -p tracker --test version renew -- --ignored --nocapture
 	$(MAKE) golden
 
-pictures: setup ## Renew the pictures that every build must draw alike; say in the commit why
+pictures: setup ## Renew the reference pictures of the renderer's tests; give the reason in the commit
 	cargo run --release -p renderer --example pictures -- tests/data/pictures
 	cargo run --release -p validation --example gallery -- --reference tests/data/pictures
 
-gallery: setup ## Renew the pictures that the documentation shows
+gallery: setup ## Renew the pictures of the documentation
 	cargo run --release -p validation --example gallery -- docs/pictures
 
 instruments: setup ## Renew the instruments' meshes
 	cargo run --release -p renderer --example instruments -- assets/instruments
 
-vectors: setup ## Renew the test vectors of the camera hardware; say in the commit why
+vectors: setup ## Renew the test vectors of the camera hardware; give the reason in the commit
 	cargo run --release -p fpga-model -- vectors --force fpga-model/vectors
 
 # Programs that vitreo starts lie beside it; on the path is a link.
@@ -245,7 +245,7 @@ programs: setup ## Build the programs for use (OBJECT_STORE=1: vitreo score take
 	cargo build --release --bins --lib $(if $(OBJECT_STORE),--features replay/object-store)
 
 # Building belongs to who calls, also under sudo; only putting files into PREFIX may need more.
-install: ## Install into PREFIX (/usr/local), for packages below DESTDIR; make uninstall takes it away again
+install: ## Install into PREFIX (/usr/local); DESTDIR for packagers; make uninstall removes it
 	$(if $(SUDO_USER),sudo -H -u $(SUDO_USER)) $(MAKE) programs OBJECT_STORE=$(OBJECT_STORE)
 	$(IN_PREFIX) $(MAKE) --no-print-directory put
 
@@ -266,7 +266,7 @@ put:
 	install -m 644 README.md CHANGELOG.md LICENSE-MIT renderer/font/LICENSE-DejaVu.txt $(SHARE)/doc/vitreo
 	cp -r docs $(SHARE)/doc/vitreo
 
-uninstall: ## Take away what make install put into PREFIX; results and recordings stay
+uninstall: ## Remove what make install put into PREFIX; results and recordings are kept
 	$(IN_PREFIX) $(MAKE) --no-print-directory take-away
 
 take-away:
@@ -276,10 +276,10 @@ take-away:
 	rm -f $(LIBRARIES)/libvitreo.so $(LIBRARIES)/$(SONAME) $(LIBRARIES)/pkgconfig/vitreo.pc $(INCLUDE)/vitreo.h $(INCLUDE)/vitreo.hpp
 	rm -rf $(PROGRAMS) $(SHARE)/doc/vitreo
 
-test-install: ## Install into a temporary folder, run what is there from elsewhere, and take it away
+test-install: ## Install into a temporary folder, run it from another folder, and uninstall it
 	packaging/tools/test-install
 
-version: ## Print the version, which Cargo.toml alone says
+version: ## Print the version (from Cargo.toml)
 	@echo $(VERSION)
 
 tag: ## Tag this commit as the version of Cargo.toml, with its section of CHANGELOG.md as notes
@@ -315,7 +315,7 @@ deb: stage ## Build the Debian package: target/debian/vitreo_VERSION-1_ARCHITECT
 test-deb: deb ## Install, boot, use, upgrade and purge the package in a fresh Debian (as root)
 	$(AS_ROOT) packaging/tools/test-deb $(DEB)
 
-sbom: ## Write what the programs consist of, CycloneDX, to out/
+sbom: ## Write the software bill of materials (CycloneDX) to out/
 	@$(call tool,cargo-cyclonedx,0.5.9)
 	packaging/tools/sbom $(TOOLS)/bin/cargo-cyclonedx out
 
@@ -326,6 +326,6 @@ deny: ## Check licences, sources, bans and advisories of all dependencies (ADVIS
 	@$(call tool,cargo-deny,0.20.2)
 	packaging/tools/deny $(TOOLS)/bin/cargo-deny
 
-clean: ## Remove what was built and put out
+clean: ## Remove everything built, and out/
 	cargo clean
 	rm -rf out .venv
