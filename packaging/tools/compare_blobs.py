@@ -172,7 +172,7 @@ def compare(vitreo, data, case):
             counts[kind] += len(centres)
             _, d = nearest(blobs[:, :2], centres)
             same[kind] += int((d < LOOSE_PX).sum())
-            # Nobody else's second blob may be near either.
+            # No other detector's second blob may be near either.
             crowd = (np.hypot(*(blobs[:, None, :2] - centres[None]).transpose(2, 0, 1)) < CROWD_PX).sum(1)
             distances[kind] += list(d[lonely & (d < LOOSE_PX) & (crowd == 1)])
     row["fit"] = {k: (np.median(d), np.percentile(d, 95), len(d)) for k, d in to_fit.items() if d}
