@@ -303,7 +303,7 @@ mod tests {
         assert!(help.lines().all(|l| l.chars().count() <= 60));
         assert!(!help.contains("pad-"), "{help}");
         let told = |b: &Binding| HELP.iter().any(|(actions, _)| actions.contains(&b.action));
-        assert!(BINDINGS.iter().all(told), "every action is told");
+        assert!(BINDINGS.iter().all(told), "every action is listed");
         let few = super::help(false);
         assert!(few.contains("p f5 n: pause") && few.contains("f10") && !few.contains("tip"), "{few}");
     }

@@ -11,7 +11,7 @@ use crate::time::Nanos;
 use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
-/// Tells after which frames a checkpoint is due whatever the load. Pure.
+/// Decides after which frames a checkpoint is due, independently of the load. Pure.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct CheckpointTimes {
     /// Number of the present period since the clock's zero; `None` before the first frame.

@@ -47,6 +47,6 @@ mod tests {
         let none = || [1, 2].into_iter().find(|n| *n > 2).expect("a number");
         assert_eq!(contain(none), Err("the decoder gave up: a number".into()));
         assert_eq!(contain(|| contain(none).is_err()), Ok(true));
-        assert!(!CONTAINED.get(), "the next panic is told");
+        assert!(!CONTAINED.get(), "the next panic is reported");
     }
 }

@@ -25,7 +25,7 @@ pub enum Command {
     Shutdown = 5,
     /// Save a still picture (renderer).
     Snapshot = 6,
-    /// Read the scene file, which holds another scene now, and begin anew (camera hardware). The
+    /// Read the scene file again, which now contains another scene, and restart (camera hardware). The
     /// argument is the new duration in ms, 0 for none.
     Load = 7,
     /// The module's next level (launcher).

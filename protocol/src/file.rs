@@ -27,7 +27,7 @@ pub const STDIN: &str = "-";
 /// it would wait without end, and no signal would end that.
 ///
 /// # Errors
-/// Where it cannot be opened, or is a pipe to which nobody writes.
+/// Where it cannot be opened, or is a pipe without a writer.
 pub fn open(path: &Path) -> Result<BufReader<File>> {
     if path.as_os_str() == STDIN {
         return stdin().as_fd().try_clone_to_owned().map(|input| BufReader::new(input.into()));
@@ -42,7 +42,7 @@ pub fn open(path: &Path) -> Result<BufReader<File>> {
         reader.fill_buf()?;
         Ok(reader)
     };
-    // It stays behind where nobody writes, and ends with the program.
+    // Without a writer the thread stays blocked, and ends with the program.
     std::thread::Builder::new().name("pipe".into()).spawn(move || done.send(first()))?;
     opened.recv_timeout(WRITER_PATIENCE).unwrap_or_else(|_| {
         let patience = WRITER_PATIENCE.as_secs();

@@ -29,13 +29,13 @@ impl Tool {
             .find(|&t| t as u32 == code)
     }
 
-    /// Opening of its jaws where nobody closes them, rad; 0 without jaws.
+    /// Opening of its jaws if they are not closed, rad; 0 without jaws.
     pub fn open_rad(self) -> f64 {
         if self == Tool::Forceps { OPEN_JAWS_RAD } else { 0.0 }
     }
 }
 
-/// Opening of forceps that nobody closes, rad.
+/// Opening of forceps that are not closed, rad.
 pub const OPEN_JAWS_RAD: f64 = 0.9;
 
 /// Length of the forceps' jaws from pivot to tip, mm (23 to 25 gauge forceps: 1 to 2 mm). Collision

@@ -193,7 +193,7 @@ pub trait Phases {
     fn ended(&mut self, phase: Phase);
 }
 
-/// Nobody: the marks cost nothing.
+/// No reader: the marks cost nothing.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Unmarked;
 

@@ -13,7 +13,7 @@ pub enum Place {
     Top,
     /// Centred at its lower rim: what is to be done.
     Bottom,
-    /// A page in the middle, when nobody works: an end screen, help.
+    /// A page in the middle while no work is done: an end screen, help.
     Page,
     TopLeft,
     TopRight,

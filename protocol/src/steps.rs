@@ -40,8 +40,8 @@ impl StepInputs {
 
 /// What a step consumed, so that whoever repeats it from a recording knows whether the recording holds the
 /// same: two senders on one channel may reach two receivers in another order, and a queue may have been full
-/// for one of them. All 0 in recordings of builds that did not compute it; the hash alone is 0 where poses were tracked
-/// anew, and only numbers can be compared.
+/// for one of them. All 0 in recordings of builds that did not compute it; the hash alone is 0 if poses were tracked
+/// again, and only numbers can be compared.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct InputsDigest {
     /// Hash of field, frame, exposure and bodies of the tracker frame, and of the handle and pedal states.
@@ -343,7 +343,7 @@ mod tests {
         let at = |below, stepped_ns| last_consumed(waiting.iter(), [7, below], stepped_ns);
         assert_eq!((at(2, 12), at(2, 8), at(2, 30)), (Some(4), Some(2), Some(6)));
         assert_eq!((at(8, 12), at(3, 12), at(0, 12)), (Some(0), None, None));
-        assert_eq!(at(2, 0), Some(2), "instants that tell nothing: the first");
+        assert_eq!(at(2, 0), Some(2), "instants without information: the first");
         let again = |stepped_ns| last_consumed(waiting[3..].iter(), [2, 2], stepped_ns);
         assert_eq!((again(12), again(9)), (Some(1), None), "a new sender has come as far as the one before");
     }

@@ -25,7 +25,7 @@ use scene::SceneFile;
 /// Edge of the fundus map on a software driver: about the texels that its best tiers can show; the
 /// others use its mip levels.
 const SOFTWARE_MAP_PX: u32 = 1024;
-/// Edge of the fundus map on a GPU, and where nobody waits for the picture.
+/// Edge of the fundus map on a GPU, and for pictures that are not drawn in real time.
 pub const HARDWARE_MAP_PX: u32 = 2048;
 /// Rounds of the warm-up after which the driver has compiled everything.
 const COMPILED_AFTER: usize = 2;

@@ -15,7 +15,7 @@ pub struct Args {
     /// The scene.
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// Who looks for collisions.
+    /// Back end of collision detection.
     #[command(flatten)]
     pub collision: CollisionArgs,
     /// Journal to go on from: the newest checkpoint, and the inputs since.

@@ -163,7 +163,7 @@ mod tests {
         let scene = peel();
         let (mut state, mut optics) = (start(&scene), start_optics(&scene));
         apply_pedal(&mut state, &mut optics, &pedal(0, [0.0; 2], 0), &scene);
-        assert_eq!(optics, None, "nothing is kept that nobody asked for");
+        assert_eq!(optics, None, "no optics without a request");
         let mut hold = |button: PedalButton, times: usize| {
             for _ in 0..times {
                 let held = pedal(PedalMode::Aspirate as u32, [0.0; 2], button as u32);

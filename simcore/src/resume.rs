@@ -117,7 +117,7 @@ impl InputHistory {
     }
 
     /// Does the oldest recorded step that is waiting, from where `world` stands; `None` while an input
-    /// is missing. A record that begins anew resets the world.
+    /// is missing. A record that starts again at the first step resets the world.
     pub fn advance(&mut self, world: &mut World) -> Option<Repeated> {
         while !self.astray {
             let step = *self.steps.front()?;
@@ -142,7 +142,7 @@ impl InputHistory {
         None
     }
 
-    /// Tells that the newest state is not the recorded one: only a checkpoint leads on.
+    /// Notes that the newest state is not the recorded one: only a checkpoint can continue.
     pub fn go_astray(&mut self) {
         self.astray = true;
     }

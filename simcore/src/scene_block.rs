@@ -161,7 +161,7 @@ impl SceneWriter {
         Some(section)
     }
 
-    /// Lists the triangles anew where they have changed.
+    /// Rebuilds the list of triangles if they have changed.
     fn update_triangles(&mut self, world: &World) {
         let (state, sheet) = (world.state(), world.sheet());
         let topology = self.topology_of(world);

@@ -28,7 +28,7 @@ const RIM: [f32; 3] = [0.9, 0.9, 0.85];
 /// the goal's radius. The rim is seen from 0.34 to 0.49 of it.
 const MARK: [f64; 2] = [0.5, 0.3];
 const MARK_RIM: [f64; 2] = [1.0, 0.87];
-/// Vitreous by whose removal the line about it is made anew, µm³ (0.01 ml).
+/// Removed vitreous after which its line of text is updated, µm³ (0.01 ml).
 const GEL_STEP_UM3: u64 = 10_000_000_000;
 /// Linear RGB of goals: open, later, done.
 const OPEN: [f32; 3] = [0.9, 0.6, 0.05];

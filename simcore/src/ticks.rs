@@ -56,8 +56,8 @@ pub struct OpenPort {
 pub struct Peak(f64);
 
 impl Peak {
-    /// Takes a step's value in. Where a tick `ends` it gives the largest since the last one, and begins
-    /// anew.
+    /// Takes a step's value in. When a tick `ends`, returns the largest since the last one and
+    /// resets.
     pub fn note(&mut self, value: f64, ends: bool) -> Option<f64> {
         if value > self.0 {
             self.0 = value;

@@ -170,7 +170,7 @@ impl World {
         Ok(world)
     }
 
-    /// The same world, of which nobody will draw a picture: what only pictures need is left out. It
+    /// The same world without the data that only pictures need, for runs that draw none. It
     /// changes no state.
     pub fn unseen(mut self) -> Self {
         if let Some(gel) = &mut self.vitreous {
@@ -358,7 +358,7 @@ impl World {
     fn end_step(&mut self, plan: &plan::StepPlan) {
         let state = &mut self.state;
         for (i, instrument) in state.instruments.iter().enumerate() {
-            // A way that was broken off begins anew: what jumped or was not seen drags nothing.
+            // An interrupted path starts again here: an instrument that jumped or was not seen drags nothing.
             if plan.ticks() > 0 || !plan.touches[i] {
                 state.ticks.from[i] = instrument.eye_from_instrument;
             }

@@ -53,7 +53,7 @@ fn the_pick_lifts_the_free_edge_and_the_forceps_take_it() {
     };
     let before = edge(&world);
     let mut events = play(&mut world, &rehearsal, 1.5, 7.0);
-    assert_eq!(of(&events, EventKind::TissueHooked).len(), 1, "told once");
+    assert_eq!(of(&events, EventKind::TissueHooked).len(), 1, "reported once");
     let contact = &world.state().membrane.contact[0];
     assert!(contact.under && contact.hooked);
     let lifted = before - edge(&world);

@@ -238,7 +238,7 @@ def vanished_and_refused(store, recordings):
     key = f"few/{recordings[3].name}"
     cases = [
         ("403 Forbidden, AccessDenied", {"refused": key}),
-        ("was listed, but is gone", {"victim": key}),
+        ("was listed but no longer exists", {"victim": key}),
     ]
     for words, case in cases:
         code, rows, told = between(store, **case)

@@ -153,11 +153,14 @@ fn a_what_if_of_a_part_begins_with_what_was_known_at_the_cut() {
     vitreo(&["cut", &golden(), "--from", "0.6", "-o", &part]).expect_code(0);
     let what_if = |output: &str, set: &[&str]| vitreo(&[&["replay", &part, "-o", output], set].concat());
     let same = what_if(&again, &[]).expect_code(0);
-    assert!(same.stderr.contains("begins at the cut with the tracker's state there"), "{same:?}");
+    assert!(same.stderr.contains("begins at the cut with the tracker's recorded state"), "{same:?}");
     vitreo(&["diff", &part, &again]).expect_code(0);
     vitreo(&["replay", &again, "--lockstep", "--verify"]).expect_code(0);
     let anew = what_if(&other, &["--set", "tracker.tremor_ripple_db=3"]).expect_code(0);
-    assert!(anew.stderr.contains("starts anew at the cut") && anew.stderr.contains("constants"), "{anew:?}");
+    assert!(
+        anew.stderr.contains("a new tracker starts at the cut") && anew.stderr.contains("constants"),
+        "{anew:?}"
+    );
     vitreo(&["replay", &other, "--lockstep", "--verify"]).expect_code(0);
     vitreo(&["diff", &part, &other]).expect_code(5);
     let scene = what_if(&path("f.mcap"), &["--set", "scene.membrane.lift_mm=0.2"]).expect_code(2);

@@ -1,4 +1,4 @@
-//! A rig with real cameras: without them nobody works and nothing is kept; when they come, it begins.
+//! A rig with real cameras: without them it waits and writes nothing; once they are there, it starts.
 
 use protocol::health::{Process, STATE_RUNNING};
 use rustix::process::Signal;
@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::{Child, ChildStderr, Command, Stdio};
 use vitreo_tests::{Observer, WATCHDOG, binaries, instance_name, repository, signal, vitreo};
 
-/// A run that lets only people work, under a watchdog that ends it.
+/// A run without a scripted surgeon, under a watchdog that ends it.
 struct Rig {
     child: Child,
     stderr: BufReader<ChildStderr>,
@@ -25,10 +25,10 @@ impl Rig {
         Self { child, stderr }
     }
 
-    /// The line in which it says why nobody works.
+    /// The line with the reason why it waits.
     fn reason(&mut self) -> String {
         let mut lines = self.stderr.by_ref().lines().map(|l| l.expect("text"));
-        lines.find(|l| l.contains("nobody works")).expect("it waits and says why")
+        lines.find(|l| l.contains("waiting to start")).expect("it waits and says why")
     }
 
     fn end(mut self) -> Option<i32> {

@@ -66,7 +66,7 @@ fn this_build_makes_the_same_as_itself_by_either_of_its_programs() {
         let report = desk.at("report.json");
         let more = ["--force", "--report", &report.display().to_string()];
         let done = desk.finish(desk.start(&binaries().join(name), &more)).expect_code(0);
-        for words in ["through two builds", "versions: both say vitreo", "same: ", "100 states"] {
+        for words in ["through two builds", "versions: both vitreo", "same: ", "100 states"] {
             assert!(done.stdout.contains(words), "{words}: {done:?}");
         }
         let found = vitreo_tests::json(&report);

@@ -143,7 +143,7 @@ impl FrameAssembler {
         self.refused = 0;
     }
 
-    /// Passes over the fields that wait, after a time in which nobody looked; returns their number.
+    /// Discards the waiting fields after a pause of the process; returns their number.
     pub fn pass_over(&mut self) -> u64 {
         let waiting = self.pending.len() as u64;
         self.pending.clear();

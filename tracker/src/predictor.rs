@@ -140,7 +140,7 @@ impl TipPredictor {
     }
 
     /// Takes the newest sample into the covariances of the middle and the long predictor, where that is not yet done.
-    /// True if one of them was no covariance any more, and all began anew.
+    /// True if one of them was no longer a covariance, and all were reset.
     pub fn follow_up(&mut self) -> bool {
         let [middle, long] = std::mem::take(&mut self.owed);
         if middle {
@@ -156,7 +156,7 @@ impl TipPredictor {
         !valid
     }
 
-    /// Begins anew where something that it has learnt is not finite: a prediction can always be made from
+    /// Resets itself if something that it has learnt is not finite: a prediction can always be made from
     /// the filter alone, so nothing is withheld for its sake. True if it did.
     pub fn recover(&mut self) -> bool {
         let learnt = self.short.is_valid() && self.middle.is_finite() && self.long.is_finite();

@@ -169,7 +169,7 @@ impl TrackerProcess {
         self.shell.set_text(&format!("{} frames withheld", self.withheld));
     }
 
-    /// Sends what nobody waits for, after the poses, for which somebody waits.
+    /// Sends what no receiver waits for, after the poses.
     fn send_matches(&mut self, about: About, tracked: Nanos) -> anyhow::Result<()> {
         self.matches.send(self.tracker.matches())?;
         let begun = self.shell.trace.end(Phase::FollowUp, about, tracked);
@@ -179,7 +179,7 @@ impl TrackerProcess {
         Ok(())
     }
 
-    /// Tells what is new, and updates the figures of the next heartbeat.
+    /// Logs what has changed, and updates the figures of the next heartbeat.
     fn report(&mut self) {
         self.told.tell(&mut self.tracker, self.newest_field);
         let (blobs, report) = (self.blobs.counts(), &mut self.shell.report);

@@ -81,7 +81,7 @@ pub enum RigDefect {
         id: u32,
     },
     /// Two markers of a body have the same position.
-    #[error("markers {first} and {second} of {body} are in one place: they cannot be told apart")]
+    #[error("markers {first} and {second} of {body} are in one place: they cannot be distinguished")]
     SamePlace {
         /// Name of the body.
         body: &'static str,

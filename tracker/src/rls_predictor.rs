@@ -223,7 +223,7 @@ impl<const L: usize> RlsPredictor<L> {
         self.pending = [PendingUpdate::NONE; HORIZONS];
     }
 
-    /// Begins anew, with the weights of the typical motion.
+    /// Resets itself to the weights of the typical motion.
     pub fn restart(&mut self) {
         self.learnt.clone_from(&self.typical);
         self.interrupt();

@@ -40,7 +40,7 @@ pub struct Track {
     predictor: TipPredictor,
     /// What was learnt of the hand before the body was lost.
     hand: Option<Hand>,
-    /// How often the filter or the predictor was not finite and began anew.
+    /// How often the filter or the predictor was not finite and was reset.
     restarts: u64,
 }
 
@@ -95,7 +95,7 @@ impl Track {
             filter.predict(time_ns, pivot);
         }
         if self.filter.as_ref().is_some_and(|f| !f.is_finite()) {
-            // Its pose is lost with it; the body is acquired anew.
+            // Its pose is lost with it; the body is acquired again.
             self.filter = None;
             self.restarts += 1;
         }
@@ -104,7 +104,7 @@ impl Track {
         }
     }
 
-    /// How often the body's filter or predictor was not finite and began anew.
+    /// How often the body's filter or predictor was not finite and was reset.
     pub fn restarts(&self) -> u64 {
         self.restarts
     }

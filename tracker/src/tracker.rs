@@ -125,7 +125,7 @@ impl Tracker {
         self.blobs_refused
     }
 
-    /// How often a filter or predictor of a body was not finite and began anew.
+    /// How often a filter or predictor of a body was not finite and was reset.
     pub fn restarts(&self) -> u64 {
         self.tracks.iter().map(Track::restarts).sum()
     }

@@ -70,7 +70,7 @@ impl Setup {
             if let Some(result) = found(self) {
                 return result;
             }
-            assert!(begin.elapsed() < WATCHDOG, "waited in vain until {what}");
+            assert!(begin.elapsed() < WATCHDOG, "timed out before {what}");
             wait(&[&self.poses, &self.answers, &self.health], 5_000_000);
         }
     }

@@ -89,7 +89,7 @@ fn predicted_with_its_age_then_lost() {
     for (n, frame) in frames.iter().enumerate().skip(BEFORE).take(5) {
         let body = &frame.bodies[0];
         assert_eq!(told(body), (BodyStatus::Predicted, Validity::Predicted), "frame {n}");
-        assert_eq!(body.measured_ns.abs_diff(last_ns) / 1_000_000, 0, "the age is told");
+        assert_eq!(body.measured_ns.abs_diff(last_ns) / 1_000_000, 0, "the age is reported");
     }
     assert_eq!(told(&frames[BEFORE + 15].bodies[0]), (BodyStatus::Lost, Validity::Lost));
 }

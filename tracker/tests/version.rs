@@ -54,7 +54,7 @@ fn arithmetic_changes_only_with_its_version() {
     }
 }
 
-/// Writes the version's file anew: a higher version where a digest that it holds has changed.
+/// Rewrites the version's file: a higher version where a digest that it holds has changed.
 #[test]
 #[ignore = "writes a source file; run by `make tracker-version`"]
 fn renew() {

@@ -1,6 +1,6 @@
-//! The programs that are connected: what one does not read delays no other.
+//! The connected programs: one that does not read delays no other.
 //!
-//! Everything is done by the thread that also reads the poses: a frame is one `write` a client, and nobody is woken
+//! The thread that reads the poses also does this: a frame is one `write` per client, and no other thread is woken
 //! for it. What the system does not take at once waits here, a little.
 
 use anyhow::Context;
@@ -37,11 +37,11 @@ const LISTENER: u64 = 0;
 #[derive(Debug)]
 pub struct Clients {
     listener: TcpListener,
-    /// Tells which of listener and clients want something.
+    /// epoll instance of the listener and the clients.
     interest: OwnedFd,
     clients: BTreeMap<u64, Client>,
     next: u64,
-    /// Until then nobody is taken; 0 where that has not failed.
+    /// No client is accepted until then; 0 if accepting has not failed.
     deaf_until_ns: Nanos,
 }
 

@@ -335,7 +335,7 @@ mod tests {
         assert_eq!(
             sent[0].bodies[EYE].validity(),
             Validity::Measured,
-            "an eye that nobody tracks stands still"
+            "an eye that is not tracked stands still"
         );
         assert_eq!(incoming.missing_since(40 * MS), ["A (inst0)"]);
         assert_eq!(incoming.missing_since(50 * MS), ["A (inst0)"]);

@@ -1,8 +1,8 @@
 //! Poses of a running simulator for other programs, and those of another tracker for a run, by OpenIGTLink; and all
 //! that viewers show of it.
 //!
-//! Outwards, one process which reads channels as a recorder does and delays nobody:
-//! - [`run`]: waits for a simulator, reads its poses, and goes on when it is started anew
+//! Outwards, one process which reads channels as a recorder does and delays no other process:
+//! - [`run`]: waits for a simulator, reads its poses, and continues when it is started again
 //! - [`transforms`]: a frame of the tracker as messages; pure
 //! - [`clients`]: sockets; a client that reads slowly misses messages, one that does not read is closed
 //! - [`viewers`]: the server of Foxglove's protocol

@@ -130,7 +130,7 @@ impl Bridge {
         !self.stop.load(Ordering::Relaxed)
     }
 
-    /// Says once that nobody is there, and waits a little.
+    /// Reports once that no simulator runs, and waits a little.
     fn rest(&mut self, name: &str) {
         if !std::mem::replace(&mut self.is_waiting, true) {
             message(Level::INFO, &format!("waiting for the simulator '{name}'"));

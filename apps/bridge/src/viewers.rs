@@ -71,7 +71,7 @@ impl Viewers {
         self.put(topic, &message, beat.instant_ns.wrapping_add(offset_ns));
     }
 
-    /// Tells people something.
+    /// Sends a line of log to the viewers.
     pub fn tell(&self, text: String, now: Nanos, offset_ns: u64) {
         let note = Note { instant_ns: now, kind: NoteKind::Log, process: None, count: 1, text };
         self.show(&Item::Note(note), now, offset_ns);

@@ -79,7 +79,7 @@ impl Stamps {
         self.lost(sequence)
     }
 
-    /// Frames between this one and the one before, by the driver's count. One that goes back has begun anew.
+    /// Frames between this one and the one before, by the driver's count. A count that goes back was reset.
     fn lost(&mut self, sequence: u32) -> u64 {
         let before = self.sequence.replace(sequence);
         let ahead = before.map_or(1, |before| sequence.wrapping_sub(before));

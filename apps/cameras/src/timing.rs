@@ -5,7 +5,7 @@
 //! what a source brings one after the other has one number after the other. A source that is opened
 //! again goes on with the number whose time it then is. What comes more than [`LATE_PERIODS`] after
 //! its time is left out: a writer that was held up and catches up is then in step with the others
-//! again. One that lags and does not catch up is taken up anew, as if it had been opened again.
+//! again. One that lags and does not catch up is accepted again, as if it had been opened again.
 
 use protocol::time::Nanos;
 
@@ -83,7 +83,7 @@ pub struct Numbering {
     /// Of the field that comes next.
     next: u64,
     /// The next field is the first after the source was opened.
-    anew: bool,
+    reopened: bool,
     /// The lag of the first of the late fields in a row, ns, and their count.
     lag: Option<(u64, u32)>,
     last_arrived: Nanos,
@@ -98,7 +98,7 @@ const STEADY: f64 = 0.75;
 impl Numbering {
     /// The source was opened: what comes next has the number whose time it is.
     pub fn opened(&mut self) {
-        self.anew = true;
+        self.reopened = true;
     }
 
     /// Number of the field that comes next, if its source goes on.
@@ -110,7 +110,7 @@ impl Numbering {
     /// theirs, else [`Clock::patience_ns`] after it was read out at the latest, so that one that comes a
     /// little late is still of the same frame. That of a source that was opened is published when it comes.
     pub fn due(&self, clock: &Clock, all_there: bool) -> Nanos {
-        match (self.anew, all_there) {
+        match (self.reopened, all_there) {
             (true, _) => 0,
             (_, true) => clock.first_line(self.next),
             _ => clock.read_out(self.next).saturating_add(clock.patience_ns),
@@ -122,7 +122,7 @@ impl Numbering {
         let after = |from: Nanos| (read_out as f64 - from as f64) / clock.period_ns as f64;
         let place = after(clock.start_ns);
         let follows =
-            self.stamped.filter(|_| !self.anew).map(|(at, number)| number as f64 + after(at).round());
+            self.stamped.filter(|_| !self.reopened).map(|(at, number)| number as f64 + after(at).round());
         let steady = follows.filter(|number| (number - place).abs() <= STEADY);
         let number = steady.unwrap_or(place.round());
         (number >= 0.0).then_some(number as u64)
@@ -132,7 +132,7 @@ impl Numbering {
     /// of the others are there, else [`Clock::patience_ns`] after it was read out at the latest.
     pub fn stamped_due(&self, clock: &Clock, read_out: Nanos, awaited: Nanos) -> Nanos {
         let number = self.number_of(clock, read_out);
-        let wait = !self.anew && number.is_some_and(|number| clock.read_out(number) >= awaited);
+        let wait = !self.reopened && number.is_some_and(|number| clock.read_out(number) >= awaited);
         if wait { read_out.saturating_add(clock.patience_ns) } else { 0 }
     }
 
@@ -140,7 +140,7 @@ impl Numbering {
     /// looked at now.
     pub fn place_stamped(&mut self, clock: &Clock, read_out: Nanos, arrived: Nanos, now: Nanos) -> Place {
         let Some(number) = self.number_of(clock, read_out) else { return Place::Before };
-        self.anew = false;
+        self.reopened = false;
         if number < self.next {
             return Place::Surplus;
         }
@@ -154,7 +154,7 @@ impl Numbering {
 
     /// Numbers a field that was there at `arrived` and is looked at now.
     pub fn place(&mut self, clock: &Clock, arrived: Nanos, now: Nanos) -> Place {
-        if std::mem::take(&mut self.anew) {
+        if std::mem::take(&mut self.reopened) {
             self.next = self.next.max(clock.number_at(arrived));
             self.lag = None;
         }

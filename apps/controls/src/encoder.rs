@@ -8,7 +8,7 @@ use protocol::limits::INSTRUMENTS;
 const HEAD: &[u8] = b"$VH,";
 /// Longest line without its end, bytes.
 pub const LONGEST: usize = 48;
-/// Missing numbers that are a gap; more of them are a sender that began anew.
+/// Most missing numbers that count as a gap; more mean that the sender restarted.
 const LONGEST_GAP: u16 = 1_000;
 
 /// One sample of one handle.
@@ -137,7 +137,7 @@ pub enum Heard {
     Bad(Bad),
     /// So many lines are missing before the next sample.
     Gap(u16),
-    /// The numbers go back, or far ahead: the sender has begun anew.
+    /// The numbers go back, or far ahead: the sender restarted.
     Restart,
 }
 

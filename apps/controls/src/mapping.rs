@@ -90,7 +90,7 @@ pub struct Mapping {
     pub interface: PedalInterface,
     /// How its reports look; of [`PedalInterface::Hidraw`] alone.
     pub report: Option<ReportShape>,
-    /// Nobody else gets its events while it is open, so that a pedal that is a keyboard types nothing.
+    /// No other program gets its events while it is open, so that a pedal that is a keyboard types nothing.
     pub grab: bool,
     /// Meaning of the axes where no button says another.
     pub mode: PedalMode,
@@ -122,7 +122,7 @@ impl Pressed {
 }
 
 impl Mapping {
-    /// A pedal that nobody presses.
+    /// The state of a released pedal.
     pub fn let_go(&self) -> Pressed {
         Pressed { axes: [0.0; 2], buttons: 0, mode: self.mode }
     }

@@ -58,7 +58,7 @@ struct Controls {
     shell: Shell,
     pedal: Option<PedalFeed>,
     handles: Option<HandlesFeed>,
-    /// Tells which field is the newest.
+    /// Names the newest field.
     poses: Receiver<TrackerFrame>,
     field: u64,
     /// When the first poses came.

@@ -254,7 +254,7 @@ mod tests {
             player.served(command);
             player.advance(0.02, |_| count += 1);
         }
-        assert_eq!(count, 1, "it begins anew, but nothing moves yet");
+        assert_eq!(count, 1, "it starts again, but nothing moves yet");
         player.served(Command::Start);
         player.advance(0.02, |_| count += 1);
         assert_eq!(count, 2, "the release follows at once");
@@ -263,7 +263,7 @@ mod tests {
         let mut alone = Player::new(Inputs::parse("0 tap p\n1 move 1 0", "t").unwrap());
         let mut moved = false;
         (0..1200).for_each(|_| alone.advance(0.02, |input| moved |= matches!(input, Input::Move(_))));
-        assert!(moved && alone.is_over(), "nobody serves it: it goes on in the end");
+        assert!(moved && alone.is_over(), "without a server it continues in the end");
     }
 
     #[test]

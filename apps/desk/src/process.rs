@@ -213,7 +213,7 @@ impl DeskShell {
         Ok(())
     }
 
-    /// Begins anew, with the scene that its file holds now.
+    /// Starts again with the present contents of the scene file.
     fn reload(&mut self) -> Result<()> {
         self.guidance = Guidance::new(&SceneFile::load(self.config.scene.name(DEFAULT_SCENE))?, &self.rig);
         (self.field, self.next_pedal) = (0, 0);

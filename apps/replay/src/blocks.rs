@@ -1,4 +1,4 @@
-//! What a simulation sends of its world, where nobody lends memory for it.
+//! What a simulation sends of its world, if no channel lends memory for it.
 
 use protocol::scene::SceneHeader;
 use protocol::time::Instants;

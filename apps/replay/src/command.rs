@@ -47,7 +47,7 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
         return interactive::run(args, &recording, &StopSignal::install().context("signals")?);
     }
     let rig = Rig::parse(&recording.provenance().rig_json, "of the recording")?;
-    tracker::rig_check::check(&rig).context("the recording's rig cannot work")?;
+    tracker::rig_check::check(&rig).context("the recording's rig is not usable")?;
     let mut products = Products::open(args, &rig)?;
     products.figures.desk = desk;
     let verdict = args.verify.then(|| Verdict::new(recording.provenance(), desk));

@@ -184,7 +184,7 @@ impl Frames {
         }
         let known = self.known_before(&frame);
         self.undetermined &= known.is_none();
-        // Without any field, frames that used none tell nothing.
+        // Without any field, frames that used none prove nothing.
         self.undetermined |= self.fields_read == 0;
         let mut fields = Vec::with_capacity(frame.used().len());
         for used in frame.used() {

@@ -41,7 +41,7 @@ pub fn run(args: &ImportArgs) -> anyhow::Result<ExitCode> {
     let Imported { fields, blobs, left_out } = imported;
     inform(&format!("{}: {fields} camera-fields, {blobs} blobs", args.output.display()));
     if left_out > 0 {
-        warn(&format!("{left_out} blobs left out: a field holds the first {MAX_BLOBS}"));
+        warn(&format!("{left_out} blobs dropped: a field keeps the first {MAX_BLOBS}"));
     }
     Ok(ExitCode::SUCCESS)
 }

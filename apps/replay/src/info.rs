@@ -231,7 +231,7 @@ pub fn run(args: &InfoArgs) -> anyhow::Result<ExitCode> {
         contents.print();
     }
     if contents.damage.is_none() && !contents.finished {
-        warn(&format!("{}: {NOT_CLOSED} (vitreo recover makes a whole file of it)", contents.file));
+        warn(&format!("{}: {NOT_CLOSED} (vitreo recover repairs it)", contents.file));
     }
     let whole = contents.damage.is_none() && contents.finished;
     Ok(ExitCode::from(if whole { 0 } else { LOSS }))

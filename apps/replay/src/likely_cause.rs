@@ -72,8 +72,8 @@ pub fn of_last(
     Ok(OfLast { judgement: judge_within(rig, &fields, &Work::AT_END, go_on), starts_s })
 }
 
-/// The judgement at the end of a replay of the recording it was of; `None` where there are no cameras, or nobody waits
-/// for it any more.
+/// The judgement at the end of a replay of the recording it was of; `None` if there are no cameras, or the
+/// command was stopped.
 pub fn at_end(recording: &Recording, stopped: impl Fn() -> bool + Sync) -> Option<OfLast> {
     let rig = rig_of(recording).ok()?;
     let found = of_last(recording, &rig, LAST_S, |_, _| !stopped());
@@ -144,7 +144,7 @@ mod tests {
         for words in ["likely cause: the ids of cameras 0 and 1 are swapped", "from the start", "cables"] {
             assert!(said.contains(words), "{words}: {said}");
         }
-        assert!(at_end(&swapped, || true).is_none(), "nobody waits for it any more");
+        assert!(at_end(&swapped, || true).is_none(), "the command was stopped");
         let rig = rig_of(&swapped).unwrap();
         let left_off = of_last(&swapped, &rig, LAST_S, |tried, _| tried < 3).unwrap();
         assert!(left_off.paragraph().is_some_and(|said| said.contains("was stopped")), "{left_off:?}");

@@ -43,7 +43,7 @@ impl ItemWriter {
             ItemWriter::One(writer) => writer.write(at, item),
             ItemWriter::Parts(writer) => {
                 writer.write(at, item)?;
-                // Nobody waits for a place on the disk here.
+                // No real-time process waits for the disk here.
                 let Some(problem) = writer.take_warning() else { return Ok(()) };
                 Err(RecordingError::Part { file: writer.recording().display().to_string(), problem })
             }

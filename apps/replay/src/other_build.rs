@@ -73,7 +73,7 @@ fn run_both(
     if let Some(lost) = done.lost {
         warn(&format!("{}: has gaps; the first: {lost}", recording.path().display()));
     } else if ended == Ended::WithLoss {
-        warn(&format!("{other} says that {} has gaps; this build finds none", recording.path().display()));
+        warn(&format!("{other} reports gaps in {}; this build finds none", recording.path().display()));
     }
     Ok(())
 }
@@ -91,7 +91,7 @@ fn versions(provenance: &Provenance) -> String {
 /// How the versions differ, in words.
 fn difference([a, b]: &[String; 2]) -> String {
     match a == b {
-        true => format!("versions: both say {a}"),
+        true => format!("versions: both {a}"),
         false => format!("versions: {a} → {b}"),
     }
 }

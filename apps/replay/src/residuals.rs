@@ -152,14 +152,14 @@ fn shown<T>(within_s: Option<f64>, search: impl FnOnce(&(dyn Fn(usize, usize) ->
 /// The rig of a recording with cameras.
 ///
 /// # Errors
-/// Where it cannot work, or the recording was made at a desk.
+/// If the rig is not usable, or the recording was made at a desk.
 pub fn rig_of(recording: &Recording) -> anyhow::Result<Rig> {
     let provenance = recording.provenance();
     if provenance.config.contains_key(recording::DESK) {
         bail!("a desk recording without cameras: nothing was tracked");
     }
     let rig = Rig::parse(&provenance.rig_json, "of the recording")?;
-    tracker::rig_check::check(&rig).context("the recording's rig cannot work")?;
+    tracker::rig_check::check(&rig).context("the recording's rig is not usable")?;
     Ok(rig)
 }
 

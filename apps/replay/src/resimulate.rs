@@ -13,7 +13,7 @@ use simcore::world::World;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-/// What a step consumes, what tells that it was made, and where it can go on after a gap.
+/// What a step consumes, its record, and the checkpoints from which it can continue after a gap.
 const TOPICS: [&str; 5] = ["poses", "handles", "pedal", "steps", "checkpoints"];
 
 /// The scene of a recording.
@@ -52,7 +52,7 @@ pub fn steps(
     }
 }
 
-/// Tells what is not as it was recorded; the exit code.
+/// Reports what differs from the recording; returns the exit code.
 pub fn tell(file: &Path, done: &Resimulated) -> u8 {
     let warn = |text: String| message(tracing::Level::WARN, &format!("{}: {text}", file.display()));
     if let Some(step) = done.differs_at {
@@ -65,7 +65,7 @@ pub fn tell(file: &Path, done: &Resimulated) -> u8 {
     if done.has_gaps() { LOSS } else { 0 }
 }
 
-/// As [`tell`], for a film. A film is taken for what happened, so it must be clear where it is not.
+/// As [`tell`], for a film. Viewers take a film for what happened, so differences from it must be clear.
 pub fn tell_of_film(file: &Path, done: &Resimulated) -> u8 {
     if let Some(damage) = &done.damage {
         message(tracing::Level::WARN, damage);

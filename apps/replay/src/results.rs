@@ -122,11 +122,12 @@ fn check_trainee(store: &Store, path: &Path, trainee: &str) -> anyhow::Result<()
     }
     let names: Vec<&str> = known.iter().take(NAMED).map(|(name, _)| name.as_str()).collect();
     let more = if known.len() > NAMED { ", …" } else { "" };
-    let there = if names.is_empty() { "nobody is".into() } else { format!("{}{more} are", names.join(", ")) };
+    let there =
+        if names.is_empty() { "no trainee is".into() } else { format!("{}{more} are", names.join(", ")) };
     bail!("{}: no trainee '{trainee}'; {there} in it", path.display())
 }
 
-/// Removes a recording if it is that of the attempt still, and nobody else's.
+/// Removes a recording if it still is that of the attempt, and of no other attempt.
 fn delete_recording(recording: &NamedRecording) -> anyhow::Result<()> {
     let path = Path::new(&recording.path);
     if recording.shared {
@@ -161,14 +162,14 @@ fn show(args: &ResultsArgs) -> anyhow::Result<ExitCode> {
         let table = Table::of_store(&attempts, keys());
         write_tables(&table, &mut outputs, args.csv.as_deref(), args.parquet.as_deref())?;
     }
-    damage.iter().for_each(|damaged| warn(&format!("left out: {damaged}")));
+    damage.iter().for_each(|damaged| warn(&format!("omitted: {damaged}")));
     Ok(if damage.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(LOSS) })
 }
 
 fn draw(attempts: &[Stored], outputs: &mut Outputs, file: &Path) -> anyhow::Result<()> {
     let (curves, left_out) = curve::curves(attempts);
     if left_out > 0 {
-        warn(&format!("{left_out} attempts are left out: broken off, or with a score of an older version"));
+        warn(&format!("{left_out} attempts are omitted: broken off, or scored by an older version"));
     }
     if file == Path::new(TERMINAL) {
         print!("{}", terminal::plot(&curves));

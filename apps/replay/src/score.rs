@@ -103,7 +103,7 @@ fn text(attempt: &ScoredRecording) -> String {
     let live = match (attempt.agrees, attempt.live_total) {
         (Some(true), _) => "identical to the live score".into(),
         (_, Some(live)) => format!("the run published {live:.3}"),
-        (_, None) => "the run told none".into(),
+        (_, None) => "the run published none".into(),
     };
     // Writing into a string cannot fail.
     let end = score.failed.map_or(end.into(), |injury| format!("{end}, failed by {injury},"));

@@ -254,7 +254,7 @@ impl Steps {
         }
         let number = step.step;
         if number == 1 {
-            // The simulation began anew: what an earlier one saved or lacked is of no use.
+            // The simulation was restarted: what an earlier one saved or lacked is of no use.
             self.waiting.checkpoints.clear();
             self.waiting.newest = 0;
             let lacking = self.waiting.past.lacking(&self.world);

@@ -13,7 +13,7 @@ pub struct StopSignal(Arc<Shared>);
 #[derive(Debug, Default)]
 struct Shared {
     raised: AtomicBool,
-    /// Held while the flag is raised, so that nobody who is about to wait misses it.
+    /// Held while the flag is raised, so that no thread that is about to wait misses it.
     waiting: Mutex<()>,
     changed: Condvar,
 }

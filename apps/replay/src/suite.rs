@@ -72,7 +72,7 @@ pub fn run(args: &SuiteArgs) -> anyhow::Result<ExitCode> {
     let all = cases.len();
     cases.retain(|case| args.only.as_ref().is_none_or(|text| case.name.contains(text)));
     let only = args.only.as_deref().unwrap_or_default();
-    ensure!(!cases.is_empty(), "--only {only}: no name of the {all} cases contains it");
+    ensure!(!cases.is_empty(), "--only {only}: none of the {all} case names contains it");
     let folder = args.file.parent().unwrap_or(Path::new(""));
     let outcomes = run_all(&cases, folder, args.jobs, &stop);
     let Some(outcomes) = outcomes else { bail!(crate::pace::Stopped) };

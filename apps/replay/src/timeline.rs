@@ -26,7 +26,7 @@ use recording::{ChunkIndex, Item, Place, Recording, RecordingError};
 use simcore::state::State;
 use std::cell::OnceCell;
 
-/// Checkpoints that are tried, from the last one before a place on, before the run begins anew.
+/// Checkpoints that are tried, backwards from the last one before a place, before the run is played from its start.
 const TRIED: usize = 4;
 
 /// A place in a recorded run.
@@ -163,7 +163,7 @@ impl Timeline {
     }
 
     /// Checkpoints before a place, the best first: numbers among [`Pairs::heads`]. Numbers of steps and fields
-    /// may begin anew within a recording, so it is the first stretch that can hold the place.
+    /// may start again within a recording, so it is the first stretch that can hold the place.
     fn before(&self, target: Target) -> impl Iterator<Item = usize> + use<> {
         let heads = self.pairs.iter().flat_map(Pairs::heads);
         let keys = heads.map(|head| match target {

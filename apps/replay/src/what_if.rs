@@ -109,7 +109,7 @@ pub fn setting(recording: &Recording, args: &WhatIfArgs) -> anyhow::Result<Setti
         None => (recorded.rig_json.clone(), "of the recording".into()),
     };
     let rig = Rig::parse(&rig_json, &named)?;
-    tracker::rig_check::check(&rig).with_context(|| format!("the rig {named} cannot work"))?;
+    tracker::rig_check::check(&rig).with_context(|| format!("the rig {named} is not usable"))?;
     let mut scene = match &args.scene {
         Some(name) => SceneFile::load(name)?,
         None => scene_of(recording)?,

@@ -62,7 +62,7 @@ impl Setup {
             if let Some(found) = found(self) {
                 return found;
             }
-            assert!(begun.elapsed() < WATCHDOG, "waited in vain until {what}");
+            assert!(begun.elapsed() < WATCHDOG, "timed out before {what}");
             wait(&[&self.blobs, &self.health, &self.answers], 5_000_000);
         }
     }
@@ -79,7 +79,7 @@ impl Setup {
     }
 
     fn state(&mut self, state: u32) -> Health {
-        self.until("the state is told", |s| {
+        self.until("the state is reported", |s| {
             std::iter::from_fn(|| s.health.next_valid().unwrap()).find(|h| h.state == state)
         })
     }

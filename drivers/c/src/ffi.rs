@@ -157,7 +157,7 @@ pub unsafe extern "C" fn vitreo_open(
     })
 }
 
-/// Leaves the run. The number is nobody's from then on, and neither is memory that was lent.
+/// Leaves the run. The handle and lent memory are invalid from then on.
 #[unsafe(no_mangle)]
 pub extern "C" fn vitreo_close(driver: u64) -> i32 {
     guarded(|| {

@@ -35,7 +35,7 @@ pub(crate) fn processes(roles: u32) -> impl Iterator<Item = Process> {
     SENDERS.into_iter().filter(move |(bit, _)| roles & bit != 0).map(|(_, process)| process)
 }
 
-/// Refuses bits that nobody knows, and none at all.
+/// Refuses unknown bits, and a value of 0.
 pub(crate) fn check(roles: u32) -> Result<(), Failure> {
     let known = SENDERS.iter().fold(READS, |bits, (bit, _)| bits | bit);
     let told = |problem: String| Err(failure(Code::Argument, format!("roles {roles:#x}: {problem}")));

@@ -5,7 +5,7 @@
 
 Two streams: "vitreo poses" has 27 channels a tracker frame, nine for each instrument and the eye; "vitreo events" has
 a text for each event of the simulation. Every sample has the instant of its exposure: LSL's clock on Linux is
-CLOCK_MONOTONIC, which is vitreo's. Reads like a recorder and delays nobody. Ends with the run, or by Ctrl-C.
+CLOCK_MONOTONIC, which is vitreo's. Reads like a recorder and delays no other process. Ends with the run, or by Ctrl-C.
 """
 
 import argparse

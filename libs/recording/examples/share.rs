@@ -1,7 +1,7 @@
 //! `cargo run --release -p recording --example share FILE.mcap…`: how much of a recording each of its
 //! larger topics is: checkpoints and matches.
 //!
-//! The recording is written anew, with chunks closed at the same ages as live, once whole and once without
+//! The recording is written again, with chunks closed at the same ages as live, once whole and once without
 //! the topic; the difference is its share, compressed as it stands in the file.
 
 use recording::{Item, Recording, Writer};

@@ -51,7 +51,7 @@ impl Write for Sink {
 }
 
 impl Seek for Sink {
-    /// Tells the place; the crate asks for no other one where seeking is disabled.
+    /// Returns the position; the crate seeks nowhere else if seeking is disabled.
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         match to {
             SeekFrom::Current(0) => Ok(self.lock().position),

@@ -19,7 +19,7 @@ struct State {
 #[derive(Clone)]
 struct Fake {
     state: Arc<Mutex<State>>,
-    /// Told of each sync of the helper thread.
+    /// Receives each sync of the helper thread.
     told: mpsc::Sender<usize>,
 }
 

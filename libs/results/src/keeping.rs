@@ -120,8 +120,8 @@ pub fn keep(store: &mut Store, trainee: &str, file: &Path) -> anyhow::Result<Kep
     Ok(Kept { text, is_new: id.is_some(), warnings })
 }
 
-/// Refuses a recording that is another trainee's attempt: nobody else made it. One that the trainee has
-/// with an older score is kept anew; the sentences say so.
+/// Refuses a recording that is another trainee's attempt. A recording that the trainee already
+/// has with an older score is kept again; the returned sentences say so.
 fn check_holders(
     holders: &[(String, i64, u32)],
     trainee: &str,

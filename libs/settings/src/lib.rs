@@ -46,8 +46,8 @@ impl SettingsArgs {
 
 /// The long name of [`SettingsArgs::no_config`].
 const NO_CONFIG: &str = "no-config";
-/// Options that only a command line can give: those that ask for something else than the command's
-/// work, and those that write over or delete files, which nobody should do by what lies in a folder.
+/// Options that only a command line can give: those that request something other than the command's
+/// work, and those that overwrite or delete files, which no file in a folder should cause.
 const ONLY_TYPED: [&str; 5] = ["help", "version", NO_CONFIG, "force", "recordings"];
 /// Options that say the same thing in different ways: one of them that is typed silences the others
 /// in files, and so does the variable.

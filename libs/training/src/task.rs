@@ -74,7 +74,7 @@ pub struct Observation<'a> {
 /// Phase of an attempt.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Phase {
-    /// Nobody has moved an instrument in the eye or pressed the pedal.
+    /// No instrument has moved in the eye and the pedal has not been pressed.
     #[default]
     Waiting,
     /// Time runs.
@@ -251,8 +251,8 @@ impl Task {
         emit(EventDraft { limit: self.scene.limit_s, ..over });
     }
 
-    /// Tells when the tip of a working instrument leaves the picture and comes back. The light is
-    /// not looked at.
+    /// Emits when the tip of a working instrument leaves the picture and returns. The light is
+    /// ignored.
     fn watch_view(&self, state: &mut TaskState, seen: &Observation, emit: &mut dyn FnMut(EventDraft)) {
         for i in 0..INSTRUMENTS {
             let inside = |t: &Tip| t.tip_in_eye_mm.norm() < self.radius_mm;

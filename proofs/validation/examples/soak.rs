@@ -134,7 +134,7 @@ fn print_tables(results: &Results, seconds: f64) {
         );
     }
     println!(
-        "quiet: steps in which nobody handled tissue; energy: largest that lasted in them, as a share of what the limits of speed allow"
+        "quiet: steps in which no tool touched tissue; energy: largest that lasted in them, as a share of what the limits of speed allow"
     );
     let tools = (0..TOOLS).filter_map(|t| Tool::from_wire(t as u32).map(|tool| (t, tool)));
     let steps = |t: usize| results.done.iter().map(|e| e.1.tool_steps[t]).sum::<u64>();

@@ -39,7 +39,7 @@ pub struct Said {
 }
 
 impl Said {
-    /// An innocent was named, and nobody else.
+    /// Only innocent parts were named.
     pub fn is_blamed_wrongly(&self) -> bool {
         self.judgement.verdict == Verdict::Explained && !self.right && self.judgement.explanations.len() == 1
     }

@@ -1,4 +1,4 @@
-//! Planted defects are named, and nobody else is.
+//! Planted defects are named, and nothing else is.
 
 use calibration::causes::{Cause, Verdict, judge};
 use validation::judged::said;

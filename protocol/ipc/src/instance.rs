@@ -190,7 +190,7 @@ fn make_private(directory: &StdPath) -> Result<(), IpcError> {
     Ok(())
 }
 
-/// The token of the instance, which nobody else can guess: drawn by who comes first, and kept in
+/// The token of the instance, which no other user can guess: drawn by the first process, and kept in
 /// the private directory for those who join.
 fn token(directory: &StdPath) -> Result<String, IpcError> {
     let file = directory.join(TOKEN);

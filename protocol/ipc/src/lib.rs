@@ -3,7 +3,7 @@
 //! An [`Instance`] is a private directory on tmpfs, with a token in it that names its segments; every
 //! channel of a simulator lives in it, so that several simulators or tests run side by side.
 //! [`Sender`]s and [`Receiver`]s carry fixed blocks, [`BlockSender`]s and [`BlockReceiver`]s a header
-//! with a payload of variable size, both without a copy. A receiver that reads slowly blocks nobody: the oldest blocks are overwritten
+//! with a payload of variable size, both without a copy. A slow receiver blocks no sender: the oldest blocks are overwritten
 //! and counted. [`wait`] sleeps until one of several channels has something new.
 //!
 //! Two builds that disagree about a block's layout do not connect: the service carries the schema

@@ -58,6 +58,6 @@ mod tests {
         let limit = OpenLimit::of(Duration::ZERO, move || _ = late.send("late"));
         assert_eq!(hears.recv().as_deref(), Ok("late"));
         drop(limit);
-        assert!(hears.recv().is_err(), "neither is told any more");
+        assert!(hears.recv().is_err(), "neither is notified any more");
     }
 }

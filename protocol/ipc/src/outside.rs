@@ -59,7 +59,7 @@ pub fn invited(name: &str) -> Result<Option<Vec<String>>, IpcError> {
     }
 }
 
-/// Tells a program of another maker whether the run that it joined is still there.
+/// Shows an external program whether the run that it joined still exists.
 #[derive(Debug, Clone)]
 pub struct Host {
     directory: PathBuf,

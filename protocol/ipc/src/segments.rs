@@ -94,7 +94,7 @@ impl Segments {
     }
 
     /// iceoryx2 opens its management segment to every user, who could then block new nodes by
-    /// writing to it. Nobody else has business there.
+    /// writing to it. No other program has a reason to use them.
     pub(super) fn close_to_others(&self) {
         // Other segments are private from the start, and their mode marks whether they are ready.
         for file in self.files().filter(|f| f.extension().is_some_and(|e| e == "global_mgmt")) {

@@ -34,8 +34,8 @@ pub fn listen(code: u8, mut asked: impl FnMut() + Send + 'static) -> io::Result<
 /// Whether [`listen`] was called: signals are requests then.
 static IN_ORDER: AtomicBool = AtomicBool::new(false);
 
-/// Lets a signal end the program with `code` and without files that are not whole, as long as nobody has
-/// called [`listen`]: for commands that have nothing to end in order.
+/// Lets a signal end the program with `code` and without files that are not whole, until
+/// [`listen`] is called: for commands that have nothing to end in order.
 ///
 /// # Errors
 /// Where the system refuses a handler or the thread.

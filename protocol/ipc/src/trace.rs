@@ -101,7 +101,7 @@ struct Tracer {
     process: Process,
     /// Where its part goes.
     file: PathBuf,
-    /// Who reads it there; nobody where the launcher is gone.
+    /// The launcher, which reads it there; `None` once it has ended.
     launcher: Option<Pid>,
 }
 
@@ -146,7 +146,7 @@ impl Trace {
         Some(Laps { ring: &mut on.ring, about, lap_ns: now() })
     }
 
-    /// Leaves the spans to the launcher. Where there is none any more, nobody would take them away again.
+    /// Leaves the spans to the launcher. If the launcher has ended, no process would remove them.
     pub(crate) fn leave(&mut self) {
         let Some(on) = self.on.take() else { return };
         if on.launcher != getppid() {

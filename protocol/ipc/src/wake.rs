@@ -83,7 +83,7 @@ pub struct Bell {
 pub struct BellRope(Arc<OwnedFd>);
 
 impl Bell {
-    /// A bell that nobody has rung.
+    /// A bell that has not been rung.
     ///
     /// # Errors
     /// Where the system has no more descriptors.
@@ -103,7 +103,7 @@ impl Bell {
 impl BellRope {
     /// Wakes the process, which may be awake.
     pub fn ring(&self) {
-        // Full only after 2⁶⁴ rings that nobody heard.
+        // Full only after 2⁶⁴ rings that no waiter consumed.
         let _ = rustix::io::write(&*self.0, &1u64.to_ne_bytes());
     }
 }

@@ -55,8 +55,8 @@ override LEAN: bool = false;
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<uniform> view: View;
-// The one level of the map whose texels are about as large as a pixel: a level that is looked up by a
-// number has software drivers find its place in memory anew for every four pixels.
+// The one level of the map whose texels are about as large as a pixel: if a level is selected by number,
+// software drivers compute its address again for every four pixels.
 @group(1) @binding(0) var fundus_map: texture_2d<f32>;
 @group(1) @binding(1) var fundus_sampler: sampler;
 @group(1) @binding(2) var shadow_map: texture_depth_2d;

@@ -65,7 +65,7 @@ impl Feedback {
         true
     }
 
-    /// Forgets what was asked: the surface was made anew.
+    /// Discards pending requests: the surface was created again.
     pub fn forget(&mut self) {
         if let Feedback::X11(present) = self {
             present.forget();

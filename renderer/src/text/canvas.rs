@@ -1,5 +1,5 @@
-//! The pixels of laid out text: a channel's layer of colours multiplied by their opacity, made anew
-//! only where a block has changed.
+//! The pixels of laid out text: a channel's layer of premultiplied colours, redrawn only where a
+//! block has changed.
 
 use super::layout::{Block, Content, Layout, PlacedRow, Rect, outline_px};
 use font::{Face, baseline_px, line_px};

@@ -1,5 +1,5 @@
-//! Who looks for collisions: the processor or an adapter. Both find the same to the bit
-//! ([`super::gpu`]), so the choice is one of speed alone, measured at start-up on the scene's own
+//! Back end of collision detection: the processor or a graphics adapter. Both give bit-identical results
+//! ([`super::gpu`]), so the choice affects only speed, which is measured at start-up on the scene's own
 //! mesh.
 
 use super::instrument_image::InstrumentImage;

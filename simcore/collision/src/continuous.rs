@@ -90,8 +90,8 @@ impl Features {
     }
 
     /// A time not after the first contact, if there is one; features nearer than `tolerance_mm`
-    /// (above 0) along every axis touch. What is not a number touches at once: nobody can rule it
-    /// out.
+    /// (above 0) along every axis touch. Values that are not numbers touch at once: a contact cannot be
+    /// excluded.
     pub fn time_of_impact(&self, tolerance_mm: f64) -> Option<f64> {
         let sizes = || self.corners().flat_map(|c| c.from.into_iter().chain(c.to)).map(f64::abs);
         let largest = sizes().fold(0.0, |a, b| if b > a { b } else { a });

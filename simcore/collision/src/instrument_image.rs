@@ -171,7 +171,7 @@ impl InstrumentImage {
         }
     }
 
-    /// Draws the image anew if the opening differs from the one drawn.
+    /// Draws the image again if the opening differs from the one drawn.
     pub fn prepare(&mut self, jaw_rad: f64, volume: &Volume) {
         let has_jaws = !self.mesh.jaw.is_empty();
         let opening = if has_jaws { (jaw_rad / JAW_STEP_RAD + 0.5) as i64 } else { 0 };

@@ -72,7 +72,7 @@ fn a_checkpoint_may_come_before_the_record_of_its_step() {
         let resumed = past.replay(&mut again).unwrap();
         assert_eq!(resumed, ResumeOutcome { steps: 29 - save, missing: 0, agrees: true });
         assert_eq!(again.state(), world.state());
-        assert_eq!(past.unconsumed().2, 0, "poses that nobody has consumed");
+        assert_eq!(past.unconsumed().2, 0, "poses that no step has consumed");
     }
 }
 

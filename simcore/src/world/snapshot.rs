@@ -1,7 +1,7 @@
 //! Copies of a world in memory: what a checkpoint is, without encoding it.
 //!
 //! A copy holds the state, and of what follows from scene and state that which would take longer to
-//! derive than to copy. The rest is derived anew, as after a checkpoint.
+//! derive than to copy. The rest is derived again, as after a checkpoint.
 
 use super::World;
 use crate::checkpoint::CheckpointError;

@@ -4,7 +4,7 @@
 //!
 //! ```text
 //! needle ──▶ flow ──▶ accounts ──▶ springs move ──▶ volumes held ──▶ front comes off ──▶ blebs
-//!  pierces   holes     of blebs     (sheet)          (pressure)       or re-attaches      found anew
+//!  pierces   holes     of blebs     (sheet)          (pressure)       or re-attaches      are rebuilt
 //! ```
 //!
 //! Its mesh is a [`SheetBody`] like the membrane; what is added here is fluid and re-attachment.

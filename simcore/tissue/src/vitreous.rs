@@ -285,7 +285,7 @@ impl Vitreous {
         traction
     }
 
-    /// Leaves the densities as they are from now on: nobody draws them.
+    /// Stops updating the densities, for runs that draw no picture.
     pub fn leave_unseen(&mut self) {
         self.seen = false;
     }

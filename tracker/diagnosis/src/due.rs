@@ -1,7 +1,7 @@
 //! Frames that should have been: one in every field period in which the cameras exposed. Pure.
 //!
-//! The cameras' numbers and the time between exposures together show what is missing. A jump of both was
-//! published by nobody; in a pause the time alone goes on, and after a restart the numbers may begin anew.
+//! The cameras' numbers and the time between exposures together show what is missing. A jump of both
+//! was never published; in a pause only time advances, and after a restart the numbers may start again.
 
 use protocol::blobs::BlobField;
 use protocol::poses::TrackerFrame;
@@ -110,7 +110,7 @@ impl Due {
         self.frames_missing().saturating_sub(skipped)
     }
 
-    /// Camera-fields that nobody published: numbers that a camera passed over.
+    /// Camera-fields that were never published: numbers that a camera skipped.
     pub fn fields_skipped(&self) -> u64 {
         self.skipped
     }
@@ -120,7 +120,7 @@ impl Due {
         (self.before, self.between, self.skipped) = (0, 0, 0);
     }
 
-    /// Forgets the fields after the newest frame, where nobody looked for further frames.
+    /// Forgets the fields after the newest frame, for the end of the evaluated part.
     pub fn end_here(&mut self) {
         self.cameras.values_mut().for_each(|camera| camera.exposed_ns = 0);
     }
@@ -188,7 +188,7 @@ mod tests {
     #[test]
     fn a_jump_of_numbers_and_time_was_published_by_nobody_and_a_pause_is_none() {
         let mut due = Due::new(PERIOD_NS);
-        // Number, and periods since the start: a death of the cameras, a pause, numbers that begin anew.
+        // Number, and periods since the start: a death of the cameras, a pause, numbers that start again.
         for (number, periods) in [(5, 0), (6, 1), (10, 5), (11, 105), (0, 106), (1, 107)] {
             field(&mut due, 0, number, 1_000_000_000 + periods * PERIOD_NS);
             frame(&mut due, number, 1_000_000_000 + periods * PERIOD_NS);

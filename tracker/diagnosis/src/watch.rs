@@ -137,6 +137,6 @@ mod tests {
         assert_eq!((watch.present().count(), watch.warnings().len()), (0, 1));
         assert_eq!((watch.warnings()[0].from_s, watch.warnings()[0].to_s), (2.0, Some(6.0)));
         watch.note(7.0, &x);
-        assert_eq!(watch.note(8.0, &x).len(), 1, "told again when it comes again");
+        assert_eq!(watch.note(8.0, &x).len(), 1, "reported again when it comes again");
     }
 }

@@ -45,7 +45,7 @@ impl Default for Resection {
 }
 
 impl Resection {
-    /// Starts anew; `wanted` fields are needed.
+    /// Starts again; `wanted` fields are needed.
     pub fn begin(&mut self, wanted: u64) {
         self.sightings.clear();
         self.offsets.clear();

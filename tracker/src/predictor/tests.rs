@@ -67,7 +67,7 @@ fn a_missing_field_is_filled_in() {
     assert!(bends.iter().all(|s| s.x.abs() < 1e-12), "{bends:?}");
 }
 
-/// Every adverse movement for an hour: nothing begins anew, weights stay bounded, and where everything is
+/// Every adverse movement for an hour: nothing is reset, weights stay bounded, and where everything is
 /// seen the prediction is no worse in the end than it was.
 fn endures(movement: Adverse) {
     let mut predictor = TipPredictor::default();
@@ -86,7 +86,7 @@ fn endures(movement: Adverse) {
         let later = |dt: f64| movement.at((n as f64 + dt / 0.02).round() as u64).0;
         let exposed_ns = (n + 1) * FIELD_PERIOD_NS;
         predictor.observe(exposed_ns, FIELD_PERIOD_NS, seen != Seen::Nothing, |dt| later(dt.min(0.0)));
-        assert!(!predictor.recover(), "{movement:?}: began anew at field {n}");
+        assert!(!predictor.recover(), "{movement:?}: was reset at field {n}");
     }
     let [first, second] = rms_um.map(|sum| (sum / (STEPS / 2) as f64).sqrt());
     println!("{movement:?}: {first:.3} µm in the first half, {second:.3} µm in the second");

@@ -32,8 +32,8 @@ impl Saving {
         self.times = CheckpointTimes::default();
     }
 
-    /// Sends a checkpoint where one is due after the newest frame, which has been sent: nobody waits for it.
-    /// True where one was.
+    /// Sends a checkpoint if one is due after the newest frame, which has been sent, so no receiver waits for it.
+    /// True if one was due.
     pub(super) fn save_if_due(&mut self, tracker: &Tracker) -> anyhow::Result<bool> {
         let &MatchFrame { frame, field, exposed_ns, .. } = tracker.matches();
         if !self.times.after_frame(exposed_ns) {

@@ -51,7 +51,7 @@ impl Tracker {
         self.fingerprint
     }
 
-    /// Writes all but what a frame begins with anew.
+    /// Writes everything except what each frame initialises.
     pub(crate) fn save_state(&self, out: &mut Saver<'_>) -> Done {
         let Tracker { rig, fingerprint: _, drift, watch, without_eye, tracks, fields, .. } = self;
         let Tracker { area_scales, associator: _, acquisition: _, matches: _, last_ns, frame, .. } = self;

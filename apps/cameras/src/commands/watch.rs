@@ -45,7 +45,7 @@ impl Watch {
     }
 
     /// Summary of the time since the last line, for a rig of `field_hz`; `lost` counts missing fields,
-    /// `trouble` is what the reading says is wrong. Begins anew.
+    /// `trouble` is the reader's problem. Resets the counts.
     pub fn line(&mut self, field_hz: f64, lost: u64, trouble: Option<&str>) -> String {
         let is_steady = self.is_steady || self.fields > 0;
         let seen = std::mem::replace(self, Watch { is_steady, ..Watch::default() });

@@ -5,8 +5,8 @@
 
 /// Numbers of a short count before it begins again.
 const SHORT: u64 = 65_535;
-/// So many frames in a row that are older than the newest are those of a count that has begun anew.
-const ANEW: u32 = 8;
+/// Consecutive frames older than the newest after which the count is taken to have been reset.
+const RESET_AFTER: u32 = 8;
 
 /// The frames of one camera since it was opened.
 #[derive(Debug, Clone, Copy, Default)]
@@ -29,7 +29,7 @@ impl Frames {
             Some(before) => id.checked_sub(before).filter(|step| *step <= u64::from(u32::MAX / 2)),
         };
         self.older = if step.is_some() { 0 } else { self.older + 1 };
-        let step = step.or((self.older >= ANEW).then_some(1));
+        let step = step.or((self.older >= RESET_AFTER).then_some(1));
         if let Some(step) = step {
             (self.newest, self.older) = (Some(id), 0);
             self.count = self.count.wrapping_add(step as u32);
@@ -69,7 +69,7 @@ mod tests {
 
     #[test]
     fn a_count_that_has_begun_anew_is_followed_after_a_while() {
-        let anew: Vec<u64> = std::iter::once(9_000).chain(1..=12).collect();
-        assert_eq!(steps(&anew), [0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1]);
+        let reset: Vec<u64> = std::iter::once(9_000).chain(1..=12).collect();
+        assert_eq!(steps(&reset), [0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1]);
     }
 }

@@ -73,7 +73,7 @@ struct Camera {
     is_lost: Arc<AtomicBool>,
 }
 
-/// Works with aravis' list of cameras, which nobody else uses meanwhile.
+/// Calls `work` with exclusive access to aravis' list of cameras.
 fn alone<T>(work: impl FnOnce(Option<&Aravis>) -> T) -> T {
     let mut held = ARAVIS.lock().unwrap_or_else(PoisonError::into_inner);
     if held.is_none() {

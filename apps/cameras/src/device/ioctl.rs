@@ -1,5 +1,5 @@
-//! The calls of Video4Linux2 by which buffers stream with their stamps, which the library at hand does not
-//! tell: ask for buffers, map them, hand them over and take them back. This is all the unsafe code of the
+//! The calls of Video4Linux2 that stream buffers with their timestamps, which the library in use does not
+//! provide: request buffers, map, queue and dequeue them. This is all the unsafe code of the
 //! crate. It needs a camera; on a machine without one, only sizes and numbers of the calls are checked.
 
 #![allow(unsafe_code)] // calls of the driver and memory that it fills; each use has its SAFETY note
@@ -66,8 +66,8 @@ struct Mapping {
 
 impl Drop for Mapping {
     fn drop(&mut self) {
-        // SAFETY: the mapping was made with this length, and nobody holds a slice of it: they borrow its owner.
-        // A driver that is gone has nothing to say.
+        // SAFETY: the mapping was made with this length, and no slice of it is alive: slices borrow its owner.
+        // The error of a driver that is gone is of no use.
         let _ = unsafe { munmap(self.at, self.length) };
     }
 }
@@ -130,7 +130,7 @@ impl<D: AsFd> Streaming<D> {
         update(self.device.as_fd(), Call::Hand, &mut RawBuffer::of(index))
     }
 
-    /// Waits for a filled buffer and takes it; nobody fills it until it is handed over again.
+    /// Waits for a filled buffer and dequeues it; the driver does not fill it until it is queued again.
     pub(super) fn take(&mut self) -> io::Result<RawBuffer> {
         let mut buffer = RawBuffer::of(0);
         update(self.device.as_fd(), Call::Take, &mut buffer)?;
@@ -141,8 +141,8 @@ impl<D: AsFd> Streaming<D> {
     pub(super) fn samples(&self, buffer: &RawBuffer) -> &[u8] {
         let Some(mapping) = self.buffers.get(buffer.index as usize) else { return &[] };
         let used = if buffer.bytes_used == 0 { mapping.length } else { buffer.bytes_used as usize };
-        // SAFETY: the mapping lives as long as `self`; a buffer that was taken is not written by the driver, and
-        // handing it over borrows `self` anew.
+        // SAFETY: the mapping lives as long as `self`; a dequeued buffer is not written by the driver, and
+        // queueing it borrows `self` mutably.
         let all = unsafe { std::slice::from_raw_parts(mapping.at.cast::<u8>(), mapping.length) };
         &all[..used.min(mapping.length)]
     }

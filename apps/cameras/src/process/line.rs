@@ -12,8 +12,8 @@ use std::sync::mpsc::{Receiver, SyncSender};
 
 /// Longest wait without looking whether the process ends, ms.
 pub(super) const LOOK_MS: i64 = 50;
-/// Rounds of [`LOOK_MS`] between a source that was refused and the next try: a writer that goes on
-/// meanwhile learns that nobody reads.
+/// Rounds of [`LOOK_MS`] between a refused source and the next try: a writer that continues
+/// meanwhile notices that the pipe has no reader.
 const ROUNDS_REFUSED: u32 = 6;
 
 /// From a reader to its process.

@@ -1,5 +1,5 @@
-//! The thread that reads one source. It blocks nobody: a pipe is opened without waiting for a writer and
-//! read when there is something in it, and the end of the process is looked for in between. It reads one
+//! The thread that reads one source. It never blocks: a pipe is opened without waiting for a writer and
+//! read when it has data, and the end of the process is checked in between. It reads one
 //! picture ahead; the rest waits in the pipe, and so does the writer.
 
 use super::line::{LOOK_MS, Line};
@@ -152,7 +152,7 @@ struct Source {
 }
 
 impl Source {
-    /// Waits until a pipe has something or was closed. One that nobody has opened yet has neither.
+    /// Waits until a pipe has data or was closed. A pipe that no writer has opened yet has neither.
     fn wait(&self) -> io::Result<()> {
         let timeout = Timespec { tv_sec: 0, tv_nsec: LOOK_MS * 1_000_000 };
         if self.is_file {

@@ -35,8 +35,8 @@ pub struct OwnClock {
 }
 
 impl OwnClock {
-    /// The instant of a stamp whose picture was there at `arrived`; `None` where the clock has been set: it is
-    /// learned anew from this picture on.
+    /// The instant of a stamp whose picture was there at `arrived`; `None` if the clock has been set: its
+    /// offset is estimated again from this picture on.
     pub fn instant(&mut self, stamp: Nanos, arrived: Nanos) -> Option<Nanos> {
         let [stamp, arrived] = [stamp, arrived].map(|ns| i64::try_from(ns).ok());
         let (Some(stamp), Some(arrived)) = (stamp, arrived) else {

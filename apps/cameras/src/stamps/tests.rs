@@ -59,7 +59,7 @@ fn lost_frames_are_counted_and_leave_their_time_free() {
     take(&mut stamps, 0, 0);
     let taken = take(&mut stamps, 4, 0);
     assert_eq!((taken.lost, taken.read_out_ns), (3, FIRST + 4 * P));
-    // The driver has begun anew.
+    // The driver's count was reset.
     let again = stamps.take(stamp(FIRST + 5 * P), 0, FIRST + 5 * P + 1, WALL);
     assert_eq!((again.lost, again.read_out_ns), (0, FIRST + 5 * P));
     // Two fields of one frame.

@@ -41,7 +41,7 @@ impl Person {
         Ok(Person { stop, shown: String::new(), in_place: io::stdout().is_terminal() })
     }
 
-    /// Whether Ctrl-C was pressed, or nobody reads what is shown.
+    /// Whether Ctrl-C was pressed, or the reader of the output has closed it.
     pub(super) fn has_left(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }

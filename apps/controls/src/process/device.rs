@@ -185,7 +185,7 @@ impl PedalDevice {
         let mut buffer = [0; BUFFER];
         let room = if self.interface == PedalInterface::Hidraw { LONGEST_REPORT } else { BUFFER };
         let mut gone = false;
-        // As much as a pipe holds at most: whoever writes without end keeps nobody.
+        // At most the capacity of a pipe: an endless writer does not block this thread.
         for _ in 0..16 {
             match self.line.read(&mut buffer[..room]) {
                 Got::Nothing => break,
@@ -261,7 +261,7 @@ fn fitting(device: &Device) -> Result<Mapping, String> {
         Input::Bits { .. } => false,
     };
     let all = SHIPPED.iter().filter_map(|(name, _)| shipped(name));
-    // A real keyboard has every key of a foot switch; nobody wants it kept from other programs.
+    // A real keyboard has every key of a foot switch and must not be grabbed from other programs.
     let mut fit = all.filter(|m| {
         m.interface == PedalInterface::Evdev && !m.grab && m.axes.iter().all(|map| has(map.input))
     });

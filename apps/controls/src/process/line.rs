@@ -92,7 +92,7 @@ impl Line {
     /// Reads what there is; a device that fails is closed and tried again.
     pub(crate) fn read(&mut self, buffer: &mut [u8]) -> Got {
         let Some((fd, kind)) = &self.opened else { return Got::Nothing };
-        // A pipe that nobody has opened yet reads like one that was closed; only poll knows better.
+        // A pipe that no writer has opened yet reads like one that was closed; only poll distinguishes them.
         let at_once = Timespec::default();
         if *kind != Kind::File && poll(&mut [PollFd::new(fd, PollFlags::IN)], Some(&at_once)) == Ok(0) {
             return Got::Nothing;
@@ -143,7 +143,7 @@ mod tests {
         let (mut line, mut buffer) = (Line::new(&path, None), [0; 8]);
         assert!(line.is_due(0));
         assert_eq!(line.open(0).unwrap().0, Kind::Pipe);
-        assert_eq!(line.read(&mut buffer), Got::Nothing, "nobody has opened it");
+        assert_eq!(line.read(&mut buffer), Got::Nothing, "no writer has opened it");
         for _ in 0..2 {
             let mut writer = OpenOptions::new().write(true).open(&path).unwrap();
             assert_eq!(line.read(&mut buffer), Got::Nothing);

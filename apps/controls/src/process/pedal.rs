@@ -15,7 +15,7 @@ const EVERY_NS: u64 = 100_000_000;
 /// Time for which the last state of a missing pedal counts, ns; then it is up.
 const HOLD_NS: u64 = 500_000_000;
 
-/// A pedal that nobody has pressed yet.
+/// A pedal that has not been pressed yet.
 const UP: Pressed = Pressed { axes: [0.0; 2], buttons: 0, mode: PedalMode::Move };
 
 /// A pedal's device and channel.

@@ -25,7 +25,7 @@ pub struct Subscriber {
     pub triples: Triples,
     /// What it counts into.
     pub tally: Tally,
-    /// Told for each pose, where somebody waits for that.
+    /// Signalled for each pose, if the sender waits for it.
     pub credits: Option<Credits<()>>,
     /// Whether it runs under the real-time scheduler.
     pub realtime: bool,

@@ -102,7 +102,7 @@ pub async fn wait(args: &RunArgs, stop: &StopSignal) -> bool {
     while let Some(reason) = missing(args.real.cameras.as_ref(), args.rig.rig.as_deref()) {
         let known = told.as_ref().is_some_and(|(text, at)| *text == reason && at.elapsed() < REMINDER);
         if !known {
-            warn(&format!("waiting, nobody works: {reason}"));
+            warn(&format!("waiting to start: {reason}"));
             told = Some((reason, Instant::now()));
         }
         tokio::select! {

@@ -98,26 +98,23 @@ impl Presence {
         };
         let words = health.map(Health::text).unwrap_or_default();
         if self.pid == 0 {
-            let what =
-                if self.was_there { "the program that sends" } else { "no program has come that sends" };
-            let end = if self.was_there { " is gone" } else { "" };
+            let what = match self.was_there {
+                true => format!("the program that sends {channel} has disconnected"),
+                false => format!("no program that sends {channel} has connected"),
+            };
             return finding(
-                format!("{what} {channel}{end}"),
+                what,
                 "--external expects it from another program, which the launcher does not start",
                 "start it (docs/drivers.md); the run continues and reconnects",
             );
         }
         if self.is_silent(now) {
             let what = format!("{words} sends nothing on {channel}");
-            return finding(
-                what,
-                "it is alive, but hangs or has nothing to send",
-                "check it; the run continues",
-            );
+            return finding(what, "it runs, but hangs or has nothing to send", "check it; the run continues");
         }
         let degraded = health.is_some_and(|health| health.state == STATE_DEGRADED);
         let what = format!("{channel}: {words}");
-        degraded.then(|| finding(what, "its driver says so", "check it; the run continues")).flatten()
+        degraded.then(|| finding(what, "reported by its driver", "check it; the run continues")).flatten()
     }
 }
 
@@ -178,7 +175,7 @@ mod tests {
         let trouble = |p: &Presence, beat: Option<&Health>, ms: u64| {
             p.trouble(Process::PedalDriver, beat, ms * MS).map(|f| f.what).unwrap_or_default()
         };
-        assert_eq!(trouble(&presence, None, 0), "no program has come that sends pedal");
+        assert_eq!(trouble(&presence, None, 0), "no program that sends pedal has connected");
         assert!(!presence.has_gone(0, 9_000 * MS), "what never came does not go");
         let mut beat = Health { pid: 7, sent: 1, state: STATE_RUNNING, ..Health::zeroed() };
         beat.text = text_bytes("switch");
@@ -190,7 +187,10 @@ mod tests {
         presence.note(&degraded, 1_300 * MS);
         assert_eq!(trouble(&presence, Some(&degraded), 1_400), "pedal: switch");
         assert!(presence.has_gone(1_300 * MS, 2_400 * MS) && !presence.has_gone(1_300 * MS, 2_500 * MS));
-        assert_eq!(trouble(&presence, Some(&degraded), 2_500), "the program that sends pedal is gone");
+        assert_eq!(
+            trouble(&presence, Some(&degraded), 2_500),
+            "the program that sends pedal has disconnected"
+        );
         let next = Health { pid: 8, sent: 0, ..beat };
         assert!(presence.note(&next, 3_000 * MS), "another process");
         assert_eq!(trouble(&presence, Some(&next), 3_100), "");

@@ -2,8 +2,8 @@
 //! else. What does not fit the queue is counted, and the gap is recorded as a note.
 //!
 //! While the disk is full, the thread takes no further items and tries again; what it holds is
-//! written as soon as there is space. It is a plain thread, which nobody waits for: a write that
-//! never returns holds up neither the report nor the end of the program.
+//! written as soon as there is space. It is a plain thread that is not joined: a write that never
+//! returns delays neither the report nor the end of the program.
 
 pub mod files;
 
@@ -367,8 +367,8 @@ impl<S: Store> Thread<S> {
         done
     }
 
-    /// Writes into the recording that it stood still. Where the disk refuses again, the next attempt
-    /// tells.
+    /// Writes a note about the outage into the recording. If the disk refuses it again, the next attempt
+    /// writes it.
     fn note_outage(&mut self, problem: &str, length: Duration) {
         self.note(format!("nothing could be written for {:.1} s: {problem}", length.as_secs_f64()));
     }

@@ -70,7 +70,7 @@ pub struct Report {
     /// Processes that ended with an error when they were asked to end: what they wrote is not whole.
     pub unfinished: Vec<String>,
     /// Blocks that should have been and did not come, by channel: overwritten before the launcher read them,
-    /// or published by nobody (camera-fields whose number was passed over, fields without a tracker frame).
+    /// or never published (camera-fields whose number was skipped, fields without a tracker frame).
     pub lost: BTreeMap<&'static str, u64>,
     /// Of all channels, those that were overwritten.
     #[serde(skip)]

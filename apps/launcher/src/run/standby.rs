@@ -111,7 +111,7 @@ mod tests {
         assert!(standby.is_prepared(), "there is none");
         assert!(!standby.is_wanted(10 * second, true));
         assert!(!standby.is_wanted(12 * second, false), "it died");
-        assert!(!standby.is_wanted(14 * second, true), "counted anew");
+        assert!(!standby.is_wanted(14 * second, true), "counted from the start");
         assert_eq!(standby.is_wanted(16 * second, true), is_memory_enough());
         (0..MAX_FAILURES).for_each(|_| standby.set(None));
         assert!(!standby.is_wanted(30 * second, true) && !standby.is_wanted(40 * second, true));

@@ -61,7 +61,7 @@ impl Checker {
         let newest = self.newest.entry(item.topic()).or_default();
         let (topic, behind) = (item.topic(), newest.saturating_sub(at));
         self.order.check(behind <= BEHIND_NS, || {
-            format!("{topic}: a message of {at} ns stands {} ms behind a later one", behind / 1_000_000)
+            format!("{topic}: a message of {at} ns comes {} ms after a later one", behind / 1_000_000)
         });
         *newest = (*newest).max(at);
         match item {
@@ -100,7 +100,7 @@ impl Checker {
     fn follows(&mut self, what: (&'static str, u32), number: u64, by: u64) {
         let Some(last) = self.last.insert(what, number) else { return };
         if number <= last {
-            // Two hands share one count, and a process that was started again counts anew.
+            // Both hands share one count, and a restarted process counts from the start.
             return;
         }
         let (name, which) = what;
@@ -174,7 +174,7 @@ mod tests {
         assert_eq!((checker.gaps.problems, checker.clocks.problems, checker.order.problems), (7, 1, 1));
         assert!(checker.gaps.first[0].contains("camera 1, field: 11 follows 7"), "{:?}", checker.gaps);
         assert!(checker.clocks.first[0].contains("field 11"), "{:?}", checker.clocks);
-        assert!(checker.order.first[0].contains("700 ms behind"), "{:?}", checker.order);
+        assert!(checker.order.first[0].contains("700 ms after"), "{:?}", checker.order);
     }
 
     #[test]

@@ -106,7 +106,7 @@ impl Recorded {
     }
 }
 
-/// Reads until the end, or until nobody follows.
+/// Reads until the end, or until the receiver is dropped.
 fn read_ahead(mut items: Items, send: &SyncSender<Vec<Read>>) {
     let mut at_end = false;
     while !at_end {
@@ -121,7 +121,7 @@ fn read_ahead(mut items: Items, send: &SyncSender<Vec<Read>>) {
 }
 
 impl Tracking {
-    /// Tracks until the end, or until nobody follows; what is missing behind the last frame.
+    /// Tracks until the end, or until the receiver is dropped; returns what is missing after the last frame.
     fn track_ahead(mut self, receive: &Receiver<Vec<Read>>, send: &SyncSender<Vec<Ahead>>) -> Option<String> {
         for batch in receive {
             let ahead = batch.into_iter().map(|read| {
@@ -193,7 +193,7 @@ impl Ended {
                 if flow.is_break() {
                     break;
                 }
-                // At the end nobody takes it.
+                // At the end the receiver may be gone.
                 made.into_iter().for_each(|(_, matches)| drop(give_back.send(matches)));
             }
             while let Some(mut again) = self.steps.next_step() {

@@ -45,8 +45,8 @@ impl ScriptedFilm {
         self.rehearsal.fields()
     }
 
-    /// The last field of a film that is at most so long, as far as is known by now: an attempt's
-    /// ends with its end screen.
+    /// The last field of a film of at most `seconds`, as far as it is known: the film of an attempt ends with
+    /// its end screen.
     fn last_field(&self, seconds: Option<f64>, over_since: Option<u64>) -> u64 {
         let end_screen = (END_SCREEN_S * FIELDS_PER_S) as u64;
         let round = match self.world.task() {

@@ -42,7 +42,7 @@ const CURSOR: image::Rgb<u8> = image::Rgb([200, 0, 0]);
 /// # Errors
 /// Where there is no display, or the recording does not hold the field, or cannot be read.
 pub fn run(recording: &Recording, rig: &Rig, field: Option<u64>) -> anyhow::Result<matched::Outcome> {
-    // First, so that nobody waits for a window that cannot open.
+    // First: if no window can open, the user learns it at once.
     let title = format!("vitreo inspect {}", recording.path().display());
     let mut window = PictureWindow::open(&title, SIZE_PX)?;
     let (mut writer, mut line, mut frames) = (FrameWriter::new()?, TimeLine::default(), Vec::new());

@@ -161,7 +161,7 @@ struct Group {
 impl Group {
     fn start(program: &Path, mut command: Command) -> anyhow::Result<Self> {
         command.stdin(Stdio::null()).stderr(Stdio::piped()).process_group(0);
-        // What is not read of its files was told by this program, or is none of this program's business.
+        // This program has already reported which settings files are ignored.
         command.env(settings::TOLD, "1");
         let mut child =
             command.spawn().with_context(|| format!("--with {}: cannot be started", program.display()))?;

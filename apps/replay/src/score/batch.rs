@@ -213,7 +213,7 @@ fn write_shard(
     Ok(())
 }
 
-/// Tells which of a shard's recordings the list names more than once, and how often too often.
+/// Reports the shard's recordings that the list names more than once; returns the number of repetitions.
 fn tell_repeated(list: &List, own: &[PathBuf]) -> u64 {
     let own: HashSet<&PathBuf> = own.iter().collect();
     let repeated = list.repeated().into_iter().filter(|repeated| own.contains(&repeated.file));
@@ -347,7 +347,7 @@ fn line(row: &Row) -> String {
     format!("{score}{note}  {}", row.file.display())
 }
 
-/// Tells what went wrong, by name and in numbers, and how fast it was; returns the exit code.
+/// Reports what failed, by name and in numbers, and the speed; returns the exit code.
 fn summary(table: &Table, repeated: u64, wall_s: Option<f64>) -> u8 {
     let scored = |row: usize| table.texts("module").get(row).is_some_and(Option::is_some);
     let agrees = if let Some(Cells::Truth(cells)) = table.column("agrees") { cells.as_slice() } else { &[] };

@@ -52,13 +52,13 @@ pub enum ObjectError {
     /// There is no such object.
     #[error("{0}: no such object")]
     Absent(String),
-    /// It was listed, but is gone.
-    #[error("{0}: was listed, but is gone")]
+    /// It was listed but no longer exists.
+    #[error("{0}: was listed but no longer exists")]
     Gone(String),
-    /// It was listed, and was another when it was to be read.
+    /// It was listed, and had changed before it was read.
     #[error("{0}: has changed since it was listed")]
     Changed(String),
-    /// The store knows who asks, and says no to this.
+    /// The store accepts the credentials but refuses this request.
     #[error("{address}: the object store refuses it: {problem}")]
     Refused {
         /// What was asked for.
@@ -66,7 +66,7 @@ pub enum ObjectError {
         /// Its answer.
         problem: String,
     },
-    /// The store does not know who asks, or not any more.
+    /// The store rejects the credentials, or they have expired.
     #[error("{address}: the object store rejects the credentials (AWS_…): {problem}")]
     Credentials {
         /// What was asked for.

@@ -102,7 +102,7 @@ pub fn check(case: &Case, folder: &Path) -> anyhow::Result<Checked> {
 fn of_recording(case: &Case, file: &Path) -> anyhow::Result<Checked> {
     let recording = Recording::open(file)?;
     let rig = Rig::parse(&recording.provenance().rig_json, "of the recording")?;
-    tracker::rig_check::check(&rig).context("the recording's rig cannot work")?;
+    tracker::rig_check::check(&rig).context("the recording's rig is not usable")?;
     let mut checked = Checked::default();
     let (tracking, events) = match recording.provenance().source {
         Source::Live => again(case, &recording, &rig, &mut checked)?,
@@ -209,7 +209,7 @@ fn latencies(case: &Case, recording: &Recording, checked: &mut Checked) -> anyho
         let ms = all.get(at.min(all.len().saturating_sub(1))).map(|ns| *ns as f64 * 1e-6);
         checked.expect(ms.is_some_and(|ms| ms <= *most), || match ms {
             Some(ms) => format!("latency, {}: expected p99 up to {most} ms, found {ms:.3}", stage.name()),
-            None => format!("latency, {}: the recording holds none", stage.name()),
+            None => format!("latency, {}: the recording has no measurement of it", stage.name()),
         });
     }
     Ok(())
@@ -218,7 +218,7 @@ fn latencies(case: &Case, recording: &Recording, checked: &mut Checked) -> anyho
 fn of_stream(case: &Case, folder: &Path, blobs: &Path) -> anyhow::Result<Checked> {
     let file = |path: &Option<std::path::PathBuf>| path.as_ref().map(|path| folder.join(path));
     let rig = Rig::load(&file(&case.rig).context("rig")?)?;
-    tracker::rig_check::check(&rig).context("the rig cannot work")?;
+    tracker::rig_check::check(&rig).context("the rig is not usable")?;
     let fields = BlobReader::open(blobs)?.collect::<Result<Vec<_>, _>>()?;
     ensure!(!fields.is_empty(), "{}: holds no field", blobs.display());
     let mut tips = file(&case.truth).map(|path| Tips::load(&path)).transpose()?;

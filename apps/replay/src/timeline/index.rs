@@ -5,7 +5,7 @@
 //! recording of their own: `NAME.mcap.index`, or in the user's cache where the folder takes no file. Of an
 //! imported stream the index holds the frames and steps too, which the stream lacks, and is then what is
 //! played. An index names the recording and the versions that it was made of and by; one of others is made
-//! anew.
+//! again.
 
 use super::pairs::Pairs;
 use super::{Timeline, saving, streamed};
@@ -142,7 +142,7 @@ fn make(recording: &Recording, of: &str, file: &GrowingFile, stop: &StopSignal) 
     provenance.config.insert(INDEX_OF.into(), of.into());
     provenance.source = Source::Live;
     let rig = Rig::parse(&provenance.rig_json, "of the recording")?;
-    tracker::rig_check::check(&rig).context("the recording's rig cannot work")?;
+    tracker::rig_check::check(&rig).context("the recording's rig is not usable")?;
     let world = World::new(&scene_of(recording)?).context("scene")?.unseen();
     let mut writer = Writer::on(file.handle()?, file.path(), &provenance)?;
     let bar = bytes_bar(recording.bytes(), "index");

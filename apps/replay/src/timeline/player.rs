@@ -72,7 +72,7 @@ impl Player {
     ) -> anyhow::Result<Self> {
         let recording = timeline.recording();
         let rig = Rig::parse(&recording.provenance().rig_json, "of the recording")?;
-        tracker::rig_check::check(&rig).context("the recording's rig cannot work")?;
+        tracker::rig_check::check(&rig).context("the recording's rig is not usable")?;
         let run = how(Recorded::new(recording, &rig, world));
         let begin = run.snapshot();
         let copies = VecDeque::new();

@@ -1,5 +1,5 @@
 //! How a what-if of a recording that was cut begins: with what the simulation knew at the cut, and with what the
-//! tracker knew, unless something that the tracker depends on was changed. Then a tracker begins anew there.
+//! tracker knew, unless something that the tracker depends on was changed. Then a new tracker starts there.
 //!
 //! The outcome begins with both states, as a cut does ([`crate::cut`]), and so verifies to the bit.
 
@@ -22,8 +22,8 @@ pub struct Beginning {
     pub tracker: Option<(TrackerCheckpointHeader, SavedState)>,
     /// What the simulation knows, and after which step.
     pub world: Option<(CheckpointHeader, SavedState)>,
-    /// Why the tracker begins anew, where it does.
-    pub anew: Option<String>,
+    /// Why a new tracker starts at the cut; `None` if it continues from its recorded state.
+    pub restart_reason: Option<String>,
 }
 
 impl Beginning {
@@ -48,13 +48,13 @@ impl Beginning {
         }
         let Some((header, recorded)) = tracker_at_start(recording) else { return Ok(beginning) };
         let mut tracker = Tracker::tuned(&setting.rig, true, &setting.tuning);
-        beginning.anew = changed(recording, setting);
-        if beginning.anew.is_none()
+        beginning.restart_reason = changed(recording, setting);
+        if beginning.restart_reason.is_none()
             && let Err(problem) = tracker.restore(&recorded)
         {
-            beginning.anew = Some(format!("its state there cannot be used: {problem}"));
+            beginning.restart_reason = Some(format!("its state there is not usable: {problem}"));
         }
-        let known = match beginning.anew {
+        let known = match beginning.restart_reason {
             None => recorded,
             Some(_) => {
                 let (mut new, mut state) = (Tracker::tuned(&setting.rig, true, &setting.tuning), Vec::new());
@@ -79,9 +79,9 @@ impl Beginning {
     /// For people, of a recording that was cut.
     pub fn text(&self) -> Option<String> {
         self.tracker.as_ref()?;
-        Some(match &self.anew {
-            None => "begins at the cut with the tracker's state there".into(),
-            Some(why) => format!("the tracker starts anew at the cut: {why}"),
+        Some(match &self.restart_reason {
+            None => "begins at the cut with the tracker's recorded state".into(),
+            Some(why) => format!("a new tracker starts at the cut: {why}"),
         })
     }
 }

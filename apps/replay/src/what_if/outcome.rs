@@ -22,7 +22,7 @@ use tracker::stream::StreamTracker;
 use tracker::tracker::{close, stamp};
 use tracker::{Tracker, Tuning};
 
-/// Topics that are inputs, or are made anew: what a display showed, and what was saved, is of the past.
+/// Topics that are inputs or are computed again. What a display showed and what was saved belong to the old run.
 const TOPICS: [&str; 6] = ["blobs", "handles", "pedal", "poses", "steps", "notes"];
 
 /// What a recording is run again with.
@@ -155,7 +155,7 @@ impl<'a> Outcome<'a> {
         self.waiting.push_back((at, vec![slot]));
         match item {
             Item::Poses(_) => {}
-            // It consumes poses that are tracked anew, which the digest of the recorded ones does not allow.
+            // It consumes newly tracked poses, which do not match the digest of the recorded ones.
             Item::Step(step) if self.tracker.is_some() => {
                 self.steps.note(at, Item::Step(step.with_inputs(step.inputs().without_poses())));
             }

@@ -25,7 +25,7 @@ impl ControlSample {
         ControlSample { due_ns, field, jaw_rad: motion.jaw_rad, tool: motion.tool, pedal }
     }
 
-    /// The controls where nobody works them: the scene's first tools with open jaws, the pedal up.
+    /// The controls at rest: the scene's first tools with open jaws, the pedal up.
     pub(super) fn at_rest(surgeon: &mut MotionSource, field: u64) -> Self {
         let tool = surgeon.at(0).tool;
         let pedal = PedalState::zeroed();

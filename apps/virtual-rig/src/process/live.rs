@@ -119,7 +119,7 @@ impl Live {
         Ok(true)
     }
 
-    /// Tells that a writer is waited for.
+    /// Reports that it waits for a writer.
     fn wait(&self, rig: &mut VirtualRigShell) -> Result<()> {
         message(Level::INFO, &format!("{WAITING} on {}", self.inlet.name()));
         rig.enter(STATE_DEGRADED, WAITING)

@@ -35,7 +35,7 @@ pub enum Heard<'a> {
     Field(&'a mut BlobField),
     /// Nothing that can be used: which line, what was expected.
     Bad(String),
-    /// The stream's clock was tied to this machine's anew, and why.
+    /// The stream's clock was tied to this machine's again, for this reason.
     Begun(&'static str),
 }
 

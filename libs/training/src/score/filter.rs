@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 const SMOOTHING_S: f64 = 0.1;
 /// A sample so near to a tick is taken for it, ns: the instants of cameras tremble.
 const JITTER_NS: u64 = 2_000_000;
-/// A longer time between two samples begins the filters anew, ns: slower than 25 Hz nothing is seen.
+/// A longer time between two samples resets the filters, ns: slower than 25 Hz nothing is seen.
 const SLOWEST_NS: u64 = 2 * TICK_NS + JITTER_NS;
 /// Ticks after which the band's filter has settled: 1 s.
 const SETTLED: u32 = 50;

@@ -102,7 +102,7 @@ fn item_pairs() -> Vec<Vec<u8>> {
     ]
 }
 
-/// The first byte: bit 7 takes all of the second recording away, bit 6 its rig, bit 5 numbers it anew, the others are
+/// The first byte: bit 7 takes all of the second recording away, bit 6 its rig, bit 5 renumbers it, the others are
 /// the tolerance, µm.
 fn items(bytes: &[u8]) {
     let Some((how, patches)) = bytes.split_first() else { return };

@@ -1,5 +1,5 @@
 //! ZCOLL and the exact pair query beside other methods: membranes of 1k to 1M triangles, displaced
-//! anew before every frame, against a forceps of 2k triangles. One thread.
+//! again before every frame, against a forceps of 2k triangles. One thread.
 //!
 //! `cargo bench -p validation --bench collision` prints tables like the paper's Tables 1 and 2; with `--
 //! --json` one object a line. `-- --small` stops at 10k triangles, `-- METHOD` measures only

@@ -1,5 +1,5 @@
 //! Trees of oriented boxes (Gottschalk, Lin, Manocha, "OBBTree: a hierarchical structure for rapid interference
-//! detection", 1996): the membrane's is built anew every frame, as RAPID's must be when the mesh deforms, and the
+//! detection", 1996): the membrane's is rebuilt every frame, as RAPID's must be when the mesh deforms, and the
 //! instrument's once, with the exact test behind them. Stands for RAPID in the paper's Table 2.
 
 use crate::peers::Method;
@@ -85,7 +85,7 @@ impl Oriented {
 }
 
 impl Tree {
-    /// Builds it anew; its memory is kept.
+    /// Rebuilds it in the same memory.
     fn build(&mut self, corners: &[Corners]) {
         self.below.clear();
         self.boxes.clear();

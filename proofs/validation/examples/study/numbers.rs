@@ -29,7 +29,7 @@ pub fn range(values: &[f64]) -> [f64; 2] {
 }
 
 /// A statistic of two samples with the interval that holds 95 % of its bootstrap draws: each sample
-/// drawn anew from itself, with replacement (Efron 1979), from a fixed seed.
+/// resampled with replacement (Efron 1979), from a fixed seed.
 pub fn bootstrap(a: &[f64], b: &[f64], statistic: fn(&[f64], &[f64]) -> f64) -> [f64; 3] {
     let mut random = protocol::random::Random::new(1, 99);
     let mut again = |of: &[f64]| -> Vec<f64> {

@@ -35,7 +35,7 @@ pub struct Minute {
     pub exposures: usize,
     /// Frames.
     pub frames: usize,
-    /// Filters and predictors that were not finite and began anew.
+    /// Filters and predictors that were not finite and were reset.
     pub restarts: u64,
     /// Processor time that the tracker took.
     pub took: Duration,

@@ -1,6 +1,6 @@
 //! Which nodes are loose together: the blebs, their triangles, and the front where they end.
 //!
-//! Everything here follows from flags and living triangles alone, and is made anew when those
+//! Everything here follows from flags and living triangles alone, and is rebuilt when those
 //! change; nothing of it is state. A gap that was torn into a bleb is still spanned by its dead
 //! triangles for the sake of the volume, as if by a film.
 

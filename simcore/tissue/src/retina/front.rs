@@ -197,7 +197,7 @@ impl Retina {
         true
     }
 
-    /// Finds the blebs anew after flags or triangles changed, and hands the fluid on: each new bleb
+    /// Finds the blebs again after flags or triangles changed, and hands the fluid on: each new bleb
     /// has what is under it, and what an old bleb's account differs from its mesh goes with its
     /// first loose node. What no bleb can take has leaked.
     pub(super) fn reconnect(&mut self, state: &mut RetinaState) {

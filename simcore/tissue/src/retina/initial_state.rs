@@ -83,7 +83,7 @@ mod tests {
         Retina::new(&scene).unwrap().unwrap()
     }
 
-    /// So many substeps in which nobody touches it.
+    /// Runs substeps without contact.
     fn run(model: &mut Retina, state: &mut RetinaState, substeps: u64) {
         for substep in 0..substeps {
             if substep % 20 == 0 {

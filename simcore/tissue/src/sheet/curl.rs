@@ -186,7 +186,7 @@ impl Acting {
         Acting { hinges: Vec::with_capacity(list), blocks: Vec::with_capacity(blocks), ..Acting::default() }
     }
 
-    /// Chooses anew if triangles or bonds have changed.
+    /// Chooses again if triangles or bonds have changed.
     fn choose(
         &mut self,
         hinges: &[Hinge],

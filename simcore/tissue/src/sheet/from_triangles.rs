@@ -1,8 +1,8 @@
 //! Makes a sheet of any manifold triangle mesh, or says which element forbids it.
 //!
 //! Structural springs are the edges; a bending spring joins the two vertices opposite each interior
-//! edge. Nodes are numbered anew for locality ([`super::cuthill_mckee`]); [`SheetMesh::order`]
-//! keeps who is who.
+//! edge. Nodes are renumbered for locality ([`super::cuthill_mckee`]); [`SheetMesh::order`]
+//! keeps their original numbers.
 
 use super::cuthill_mckee::cuthill_mckee;
 use super::mesh::{Bend, NONE, SheetMesh};

@@ -88,7 +88,7 @@ impl Implicit {
         }
     }
 
-    /// Takes the living springs and the flags anew, after they have changed.
+    /// Rebuilds the living springs and the flags after they have changed.
     pub fn refresh(&mut self, mesh: &SheetMesh, state: &SheetState, material: &Material) {
         let spring = |s: usize| {
             let (stiffness, damping) = material.spring(mesh, state, s);

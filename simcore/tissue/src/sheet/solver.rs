@@ -71,7 +71,7 @@ impl Solver {
         }
     }
 
-    /// For a sheet of which most is pinned, and where nobody asks what pins bear: leaves out blocks
+    /// For a sheet that is mostly pinned and whose pin forces are not needed: leaves out blocks
     /// of nodes that are all pinned or dead from the next [`Self::refresh`] on. Springs that only
     /// they have neither pull nor tear.
     pub fn without_pinned(mut self) -> Self {
@@ -79,7 +79,7 @@ impl Solver {
         self
     }
 
-    /// Derives stiffness, rest lengths and mobility anew, after springs or flags have changed. The
+    /// Derives stiffness, rest lengths and mobility again after springs or flags have changed. The
     /// first call of a tissue that bends packs the bending springs too; no other allocates.
     pub fn refresh(&mut self, mesh: &SheetMesh, state: &SheetState, material: &Material) {
         if material.bending > 0.0 && self.packing.slot_of.len() < mesh.springs.len() {

@@ -201,7 +201,7 @@ mod tests {
         }
 
         /// Irregular meshes with holes, torn at random by springs, triangles and nodes: what is
-        /// alive is what the living triangles are made of, found anew from their corners, and a
+        /// alive is what the living triangles are made of, found again from their corners, and a
         /// collision view sees living triangles only.
         #[test]
         fn irregular_meshes_tear_consistently(

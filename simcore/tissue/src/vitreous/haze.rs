@@ -4,7 +4,7 @@
 //! Every living element gives its density to the eight cells around its place, in eighths along
 //! each axis, as whole numbers: a sum of them does not depend on the order in which elements moved.
 //! So only elements that moved by an eighth, or went, since the last picture are taken out and put
-//! in again, and only their bricks are written anew.
+//! in again, and only their bricks are rewritten.
 
 use super::lattice::{Lattice, PAD};
 use super::state::{ALIVE, VitreousState};
@@ -26,7 +26,7 @@ pub struct Haze {
     bricks: Vec<SceneBrick>,
     /// Brick in `bricks` by its place, x fastest; [`NO_BRICK`] where nothing can be.
     number: Vec<u32>,
-    /// Bricks to write anew.
+    /// Bricks to rewrite.
     dirty: Vec<bool>,
     /// Where elements were when they were put in, eighths of a cell from rest along x, y and z.
     drawn_at: [Vec<i16>; 3],

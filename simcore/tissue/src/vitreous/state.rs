@@ -82,7 +82,7 @@ impl VitreousState {
         self.removed * lattice.cell_um3()
     }
 
-    /// Volume that is left, µm³, counted anew from the elements.
+    /// Volume that is left, µm³, counted from the elements.
     pub fn remaining_um3(&self, lattice: &Lattice) -> u64 {
         self.status.iter().filter(|&&s| s & ALIVE != 0).count() as u64 * lattice.cell_um3()
     }

@@ -219,7 +219,7 @@ impl Cause {
             }
             Cause::MarkerMoved { .. } => "fasten it, or calibrate the markers again (vitreo calibrate waved)",
             Cause::PictureSize { .. } => {
-                "set the camera to the size that the rig file says, or calibrate its lens at the new size (vitreo calibrate intrinsics)"
+                "set the camera to the rig file's picture size, or calibrate its lens at the new size (vitreo calibrate intrinsics)"
             }
             Cause::CamerasMoved { .. } => {
                 "put them back, or calibrate again: vitreo calibrate waved after a small move, dots or stereo after a large one"
@@ -228,10 +228,8 @@ impl Cause {
             Cause::CameraMoved { .. } => {
                 "put it back, or calibrate again: vitreo calibrate waved after a small move, dots or stereo after a large one"
             }
-            Cause::CameraLost { .. } => "look to its cable and its driver",
-            Cause::InputMissing { .. } => {
-                "a recorder or a disk that is too slow: vitreo check says what is missing"
-            }
+            Cause::CameraLost { .. } => "check its cable and its driver",
+            Cause::InputMissing { .. } => "record to a faster disk; vitreo check lists what is missing",
             _ => return None,
         })
     }
@@ -280,9 +278,7 @@ impl fmt::Display for Cause {
             Cause::CamerasMoved { cameras: [a, b] } => {
                 write!(f, "cameras {a} and {b} were moved, each in its own way")
             }
-            Cause::Drifted => {
-                f.write_str("several cameras or markers are beside their places in the rig file")
-            }
+            Cause::Drifted => f.write_str("several cameras or markers are not where the rig file has them"),
             Cause::PictureSize { camera, size_px: [width, height] } => {
                 write!(
                     f,

@@ -174,8 +174,8 @@ pub fn waved(args: &WavedArgs) -> anyhow::Result<ExitCode> {
     let mut report = waved_report(&rig, &found, !judgement.holds);
     report.notes.push(judgement.text());
     let [before, after] = held_out_px;
-    report.figure("left of instants that took no part, before", before, "px");
-    report.figure("left of instants that took no part, after", after, "px");
+    report.figure("residual of held-out instants, before", before, "px");
+    report.figure("residual of held-out instants, after", after, "px");
     args.output.print(&report, &found.bundle.cameras, &found.residuals)?;
     // Checked as when it is read: a refined rig must be one.
     args.output.write(&Rig::parse(&refined.to_json(), "of the calibration")?.to_json())?;

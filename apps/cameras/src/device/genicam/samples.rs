@@ -4,7 +4,7 @@
 
 use aravis::Buffer;
 
-/// Copies the samples of a buffer that was taken out of its stream, and is in nobody else's hands.
+/// Copies the samples of a buffer that was taken out of its stream, so that no other thread writes to it.
 pub(super) fn copy(buffer: &Buffer, into: &mut Vec<u8>) {
     into.clear();
     let (data, bytes) = buffer.data();

@@ -23,8 +23,8 @@ use tokio::time::Instant;
 /// tissue takes a second on a slow machine.
 const OBEY: Duration = Duration::from_secs(15);
 
-/// The help on the picture, as its keys opened and closed it. It is known here alone: the renderer shows
-/// what it is told.
+/// The help on the picture, as its keys opened and closed it. This is the only copy of the state: the
+/// renderer shows what it receives.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct HelpState {
     open: bool,

@@ -13,12 +13,12 @@ use recording::{Note, NoteKind};
 const REMINDER_NS: u64 = 10_000_000_000;
 
 impl Session<'_> {
-    /// Tells programs of other makers that they can come: what receives is at work.
+    /// Invites external drivers, once the processes that receive from them are running.
     pub(super) fn invite_drivers(&mut self) -> anyhow::Result<()> {
         let drivers = self.args.real.drivers().to_vec();
         drivers.iter().for_each(|driver| self.supervisor.expect(*driver, now()));
         let channels: Vec<&str> = drivers.iter().filter_map(|driver| driver.drives()).collect();
-        // The bridge to another tracker, which the launcher starts, comes by the same door.
+        // The bridge to another tracker, which the launcher starts, connects in the same way.
         let own = self.args.source().drives().filter(|_| !self.args.has_outside_source());
         self.instance.invite(&channels.iter().copied().chain(own).collect::<Vec<&str>>())?;
         if !channels.is_empty() {
@@ -27,7 +27,7 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// From here on the run waits for its source.
+    /// Starts the wait for the run's source.
     pub(super) fn begin_to_wait(&mut self, at: Nanos) {
         (self.awaited_ns, self.say_awaited_ns) = (at, at + UNHEARD_NS);
     }
@@ -38,7 +38,7 @@ impl Session<'_> {
         self.started_ns == 0 && self.args.patience_ns().is_some_and(|patience| waited_ns > patience)
     }
 
-    /// Tells from time to time what a run waits for before it begins.
+    /// Reports at intervals what a run waits for before it begins.
     pub(super) fn say_what_is_awaited(&mut self, at: Nanos) {
         let Some(source) = self.args.outside_source().filter(|_| at >= self.say_awaited_ns) else { return };
         self.say_awaited_ns = at + REMINDER_NS;
@@ -50,15 +50,15 @@ impl Session<'_> {
         self.screen.print(&awaited(&source, &says, at.saturating_sub(self.awaited_ns)));
     }
 
-    /// Tells that a driver has come or gone, on the screen, in the recording and in the report.
+    /// Reports on the screen, in the recording and in the report that a driver has connected or left.
     pub(super) fn tell_driver(&mut self, at: Nanos, driver: Process, is_there: bool) {
         let (name, channel) = (self.supervisor.words_of(driver), driver.drives().unwrap_or_default());
         let text = if is_there {
             format!("{name} has connected and sends {channel}")
         } else {
-            format!("{name}, which sent {channel}, is gone; the run continues and reconnects")
+            format!("{name}, which sent {channel}, has disconnected; the run continues and reconnects")
         };
-        // A predecessor was killed, perhaps.
+        // The driver's predecessor may have been killed.
         self.instance.clean_up_after_the_dead();
         self.consumers.latencies.cool();
         self.screen.print(&text);

@@ -87,7 +87,7 @@ impl Session<'_> {
         self.incidents.push(Incident { at_s: self.elapsed_s(at), what: STATE_LOST.into() });
     }
 
-    /// Tells of a process that died, on the screen, in the recording and in the report.
+    /// Reports on the screen, in the recording and in the report that a process died.
     pub(super) fn tell_restart(&mut self, at: Nanos, process: Process, how: &str) {
         self.consumers.latencies.cool();
         let count = u64::from(self.supervisor.restarts_of(process));

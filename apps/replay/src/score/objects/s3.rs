@@ -183,7 +183,7 @@ impl Store {
     fn told(&self, address: &Address, problem: Error) -> ObjectError {
         let (shown, words) = (address.to_string(), words(&problem));
         match problem {
-            // What the library does not tell apart.
+            // The library does not distinguish this.
             _ if words.contains("NoSuchBucket") => {
                 ObjectError::NoBucket { address: shown, bucket: address.bucket.clone() }
             }

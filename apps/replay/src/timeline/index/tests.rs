@@ -157,7 +157,7 @@ fn an_index_of_another_recording_or_version_is_made_anew() {
     other.config.insert(INDEX_OF.into(), "7 bytes".into());
     assert!(refused(&other).contains("it is of 7 bytes"));
     open_in(&recording, std::slice::from_ref(&place));
-    assert!(checked(&place, &wanted).is_ok(), "it was made anew");
+    assert!(checked(&place, &wanted).is_ok(), "it was made again");
     // A recording that has changed.
     let mut bytes = fs::read(recording.path()).unwrap();
     *bytes.last_mut().unwrap() ^= 1;

@@ -3,7 +3,7 @@
 //! A line arrives some time after the instant that it claims to have been received at: the difference of
 //! the two clocks, and a delay that is never negative. So the least difference of late is the best guess of
 //! the clocks' own, and jitter of delivery moves no exposure. The guess follows slowly; where stamps jump,
-//! it is made anew.
+//! it is made again.
 
 use protocol::time::Nanos;
 
@@ -23,7 +23,7 @@ const SLOWLY: u64 = 1_000;
 /// Time between two lines that counts at most for moving, ns.
 const LONGEST_STEP_NS: u64 = 100_000_000;
 
-/// Why the clocks were tied to each other anew.
+/// Why the clocks were tied to each other again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Begun {
     /// By the first line.
@@ -60,10 +60,10 @@ pub enum Mapped {
         shift_ns: i128,
         /// Delay of the delivery, ns.
         late_ns: u64,
-        /// The clocks were tied anew by this line.
+        /// The reason, if this line tied the clocks again.
         begun: Option<Begun>,
     },
-    /// The stamp contradicts those before it. Where the next one agrees with it, both clocks are tied anew;
+    /// The stamp contradicts those before it. Where the next one agrees with it, both clocks are tied again;
     /// where not, this one alone was wrong.
     Doubtful {
         /// By how much it is ahead, or behind if negative, ms.

@@ -34,7 +34,7 @@ impl Silence {
         begins
     }
 
-    /// Nobody listened until now, or nothing was to come: that is no silence.
+    /// The time until now is no silence: the stream was not read, or nothing was expected.
     pub fn excuse(&mut self, at: Nanos) {
         if self.last_ns > 0 && !self.lasts {
             self.last_ns = at;

@@ -48,7 +48,7 @@ fn a_fifo_is_opened_again_for_every_writer() {
 fn a_port_hears_one_writer_at_a_time_and_says_so() {
     let mut inlet = Inlet::open(&BlobSource::of(Path::new("tcp:0")).unwrap()).unwrap();
     let address = inlet.name().strip_prefix("tcp:").unwrap().to_owned();
-    assert!(!address.ends_with(":0"), "the port is told");
+    assert!(!address.ends_with(":0"), "the port is named");
     let taken = Inlet::open(&BlobSource::Tcp(address.clone())).unwrap_err();
     assert!(format!("{taken:#}").contains(&address), "{taken:#}");
     let mut first = TcpStream::connect(&address).unwrap();
@@ -73,7 +73,7 @@ fn a_connection_that_is_dead_gives_way() {
     let address = inlet.name().strip_prefix("tcp:").unwrap().to_owned();
     let _dead = TcpStream::connect(&address).unwrap();
     assert_eq!(next(&mut inlet), "Came");
-    assert!(matches!(inlet.next(true).unwrap(), Got::Nothing), "nobody else is there");
+    assert!(matches!(inlet.next(true).unwrap(), Got::Nothing), "no other client is connected");
     let _other = TcpStream::connect(&address).unwrap();
     let mut got = Vec::new();
     for _ in 0..20_000 {
