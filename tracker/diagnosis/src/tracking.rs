@@ -281,9 +281,7 @@ impl Tracking {
             let own = ratio(seen.used, seen.blobs);
             let is_in = |set: u32| set.checked_shr(id).unwrap_or(0) & 1 == 1;
             if is_in(self.left_out) {
-                let what = format!(
-                    "camera {id} is excluded because its blobs are not where the other cameras place the markers"
-                );
+                let what = format!("camera {id} is excluded because the others place the markers elsewhere");
                 found.push(finding(id, what, MOVED, FASTEN));
             } else if is_in(self.estimated) {
                 let what = format!(
