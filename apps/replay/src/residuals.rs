@@ -44,10 +44,10 @@ struct Figures<'a> {
 impl Figures<'_> {
     /// For people.
     fn print(&self) {
-        let how = if self.recorded { "as recorded" } else { "as this tracker finds them in the blobs" };
+        let how = if self.recorded { "as recorded" } else { "tracked again from the recorded blobs" };
         let frames = self.frames;
         println!(
-            "{frames} tracker frames, {how}; px of the frame, NIS above 5.99 is 5 % where predictions hold"
+            "{frames} tracker frames, {how}; px of the frame; with exact predictions, 5 % of NIS exceed 5.99"
         );
         lines(self.residuals).iter().for_each(|line| println!("{line}"));
         self.causes.iter().for_each(|judgement| println!("{}", judgement.text()));

@@ -35,7 +35,7 @@ pub fn run() -> Result<()> {
         outputs::println!("{NONE}");
     }
     #[cfg(not(feature = "genicam"))]
-    outputs::println!("GenICam cameras were not looked for: {}", crate::process::feed::NO_GENICAM);
+    outputs::println!("GenICam cameras are not listed: {}", crate::process::feed::NO_GENICAM);
     Ok(())
 }
 

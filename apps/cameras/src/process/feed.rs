@@ -39,8 +39,8 @@ const IN_TIME_AFTER: u32 = 25;
 
 /// Error for GenICam cameras in a build without them.
 #[cfg(not(feature = "genicam"))]
-pub(crate) const NO_GENICAM: &str = "this vitreo was built without GenICam cameras; `cargo build --release \
-    --features cameras/genicam` builds it with them, where aravis is there (Debian: libaravis-dev, libusb-1.0-0-dev; docs/cameras.md)";
+pub(crate) const NO_GENICAM: &str = "this vitreo was built without support for GenICam cameras. With aravis installed (Debian: \
+    libaravis-dev, libusb-1.0-0-dev), build it by: cargo build --release --features cameras/genicam (docs/cameras.md)";
 
 /// A field that is to be published.
 pub(crate) struct Field<'a> {

@@ -282,18 +282,15 @@ impl Report {
         )?;
         for s in &self.stages {
             let mean = if s.mean_budget_ms > 0.0 { format!("/{}", s.mean_budget_ms) } else { String::new() };
+            let ms = |ms: f64| if s.count > 0 { format!("{ms:.2}") } else { "–".into() };
+            let [mean_ms, p50, p95, p99, p999, max] =
+                [s.mean_ms, s.p50_ms, s.p95_ms, s.p99_ms, s.p999_ms, s.max_ms].map(ms);
             writeln!(
                 out,
-                "{:<13} {:<25} {:>6} {:>7.2} {:>7.2} {:>7.2} {:>7.2} {:>7.2} {:>7.2} {:>9} {:>6}  {}",
+                "{:<13} {:<25} {:>6} {mean_ms:>7} {p50:>7} {p95:>7} {p99:>7} {p999:>7} {max:>7} {:>9} {:>6}  {}",
                 s.stage.name(),
                 s.span,
                 s.count,
-                s.mean_ms,
-                s.p50_ms,
-                s.p95_ms,
-                s.p99_ms,
-                s.p999_ms,
-                s.max_ms,
                 format!("{}{mean}", s.budget_ms),
                 s.violations,
                 s.verdict.text()

@@ -76,6 +76,8 @@ fn tables_name_every_stage_and_incident() {
     for stage in Stage::ALL {
         assert!(text.contains(stage.name()) && text.contains(stage.span()), "{text}");
     }
+    let unmeasured = text.lines().find(|line| line.starts_with("whole-system")).expect("a line");
+    assert!(unmeasured.contains('–') && !unmeasured.contains("0.00"), "{unmeasured}");
     assert!(text.contains("tracker restarted") && text.contains("tissue simulation"), "{text}");
     assert!(text.contains("removed: vitreous 0.50 ml (3.25 ml left)\n"), "{text}");
 }
