@@ -561,7 +561,7 @@ int32_t vitreo_open(const char *instance,
                     int32_t wait_ms,
                     uint64_t *driver);
 
-// Leaves the run. The number is nobody's from then on, and neither is memory that was lent.
+// Leaves the run. The handle and lent memory are invalid from then on.
 int32_t vitreo_close(uint64_t driver);
 
 // VITREO_OK while the run goes on; VITREO_STOP once it has ended or asks this program to end.
