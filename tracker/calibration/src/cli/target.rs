@@ -46,6 +46,11 @@ pub struct BoardArgs {
 }
 
 impl BoardArgs {
+    /// True where a board is named.
+    pub fn is_given(&self) -> bool {
+        self.board.is_some() || self.charuco.is_some()
+    }
+
     /// The board.
     ///
     /// # Errors
