@@ -4,8 +4,10 @@ use super::target::{finish, report_of, sheets_of_lists};
 use super::{OutputArgs, SolveArgs, checks, pair, progress, recorded, short};
 use crate::fixed_dots::{CameraPrior, calibrate_on_dots, common_dots, held_out};
 use crate::grey_image::GreyImage;
+use crate::halves::HeldOut;
 use crate::known_target::match_dots;
 use crate::lens::LENS;
+use crate::rig_output::rig_with;
 use crate::target_problem::{Robustness, TargetView};
 use crate::{CalibrationError, dots, point_lists};
 use anyhow::{Context, ensure};
@@ -157,6 +159,30 @@ fn template(args: &DotsArgs) -> anyhow::Result<Rig> {
     }
 }
 
+/// What is known of the cameras that saw the dots.
+fn priors(
+    args: &DotsArgs,
+    template: &Rig,
+    sheets: &[TargetView],
+    pictures: &[Shown],
+) -> anyhow::Result<Vec<CameraPrior>> {
+    let before: Vec<CameraPrior> = match (args.size, &args.rig) {
+        (Some(size), _) => vec![CameraPrior::Size(size); sheets.len()],
+        (None, None) if !pictures.is_empty() => {
+            pictures.iter().map(Shown::size_px).map(CameraPrior::Size).collect()
+        }
+        (None, _) => template.cameras().into_iter().map(CameraPrior::Lens).collect(),
+    };
+    let (lists, cameras) = (sheets.len(), before.len());
+    ensure!(lists == cameras, "expected a point list of each of the rig's {cameras} cameras, found {lists}");
+    for (before, shown) in before.iter().zip(pictures) {
+        if let CameraPrior::Lens(Camera { id, size_px, .. }) = before {
+            shown.expect_size(*size_px, &format!("of camera {id}"))?;
+        }
+    }
+    Ok(before)
+}
+
 /// Runs `vitreo calibrate dots`.
 ///
 /// # Errors
@@ -169,22 +195,9 @@ pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
     );
     let (template, pictures) = (template(args)?, shown(args)?);
     let sheets = if pictures.is_empty() { sheets_of_dots(args)? } else { sheets_of_target(args, &pictures)? };
-    let before: Vec<CameraPrior> = match (args.size, &args.rig) {
-        (Some(size), _) => vec![CameraPrior::Size(size); sheets.len()],
-        (None, None) if !pictures.is_empty() => {
-            pictures.iter().map(Shown::size_px).map(CameraPrior::Size).collect()
-        }
-        (None, _) => template.cameras().into_iter().map(CameraPrior::Lens).collect(),
-    };
-    let (lists, cameras) = (sheets.len(), before.len());
-    ensure!(lists == cameras, "expected a point list of each of the rig's {cameras} cameras, found {lists}");
-    for (before, shown) in before.iter().zip(&pictures) {
-        if let CameraPrior::Lens(Camera { id, size_px, .. }) = before {
-            shown.expect_size(*size_px, &format!("of camera {id}"))?;
-        }
-    }
+    let before = priors(args, &template, &sheets, &pictures)?;
     let (all, from): (Vec<[u32; 2]>, _) = match args.size {
-        Some(size) => (vec![size; cameras], "--size"),
+        Some(size) => (vec![size; before.len()], "--size"),
         None => (before.iter().map(CameraPrior::size_px).collect(), "the rig"),
     };
     checks::inside(&sheets, &all, from)?;
@@ -200,7 +213,20 @@ pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
             report.figure(name, value * 1e3, "µm");
         }
     }
-    finish(&args.output, &report, &found, &template)
+    let compared = args.rig.as_ref().filter(|_| args.output.output.is_some());
+    let held_out = compared.map(|_| {
+        checks::beside(&template, &all, |cameras| {
+            let learnt = |half: &[TargetView]| calibrate_on_dots(&before, half, free, loss, &mut |_, _| {});
+            HeldOut::of_dots(cameras, &sheets, learnt)
+        })
+    });
+    finish(
+        &args.output,
+        report,
+        &found,
+        held_out,
+        || Ok(rig_with(&template, &found.scene.cameras)?.to_json()),
+    )
 }
 
 /// Median errors over random halves; split `n` is the same on every machine.

@@ -6,6 +6,7 @@ use crate::CalibrationError;
 use crate::bundle::PriorSigmas;
 use crate::causes::{Judgement, Verdict, judge};
 use crate::drift_check::{self, DriftCheck};
+use crate::lens::LENS_NAMES;
 use crate::mend::{Mended, mend};
 use crate::observations::{FrameObservations, collect};
 use crate::pivot::{self, Pivot, Shaft};
@@ -177,6 +178,16 @@ pub fn waved_report(rig: &Rig, found: &SelfCalibration, drifted: bool) -> Report
     );
     if !found.weakly_observed.is_empty() {
         report.notes.push(format!("the stream hardly determines: {}", found.weakly_observed.join(", ")));
+    }
+    for (c, camera) in rig.cameras.iter().enumerate() {
+        let own = found.held.iter().filter(|(of, _)| *of == c);
+        let terms: Vec<&str> = own.map(|&(_, term)| LENS_NAMES[term]).collect();
+        if !terms.is_empty() {
+            let (id, terms) = (camera.id, terms.join(", "));
+            report
+                .notes
+                .push(format!("camera {id}: the stream does not determine {terms}: kept as in the rig"));
+        }
     }
     if !drifted {
         report.notes.push("the residuals show no drift: the rig as it was is as good".into());
