@@ -5,6 +5,7 @@
 pub mod blobs;
 pub mod colours;
 pub mod extractor;
+pub mod finder;
 pub mod hardware;
 pub mod progress;
 pub mod vectors;

@@ -1,6 +1,6 @@
 //! Step `check`: what the cameras see of the workspace, how well tips can be known, and whether the rig fits a stream.
 
-use crate::folder::Outcome;
+use crate::folder::{Folder, Outcome};
 use crate::lenses::residual_picture;
 use crate::poses::{Fit, instants, told};
 use anyhow::Result;
@@ -31,7 +31,7 @@ pub struct CheckArgs {
 ///
 /// # Errors
 /// A rig that cannot be tracked with, a stream that cannot be read or shows too little.
-pub fn run(rig: &Rig, args: &CheckArgs) -> Result<(Outcome, bool)> {
+pub fn run(folder: &Folder, rig: &Rig, args: &CheckArgs) -> Result<(Outcome, bool)> {
     tracker::rig_check::check(rig).map_err(|defect| anyhow::anyhow!("rig.json: {defect}"))?;
     let viewer = Viewer::new(rig);
     let view = viewer.view();
@@ -41,7 +41,7 @@ pub fn run(rig: &Rig, args: &CheckArgs) -> Result<(Outcome, bool)> {
     outcome.pictures.push(("rig.png".into(), caption, plots::bytes(&maps, Format::Png)?));
     seen_by_cameras(&view, &mut outcome);
     let holds = match &args.from {
-        Some(path) => holds(rig, path, &mut outcome)?,
+        Some(path) => holds(folder, rig, path, &mut outcome)?,
         None => {
             let said =
                 "whether the rig fits its cameras is unknown without a stream: run check --from STREAM";
@@ -83,8 +83,8 @@ fn seen_by_cameras(view: &RigView, outcome: &mut Outcome) {
     record.advice.extend(view.missing.iter().cloned());
 }
 
-fn holds(rig: &Rig, path: &Path, outcome: &mut Outcome) -> Result<bool> {
-    let (stream, seen) = instants(rig, path)?;
+fn holds(folder: &Folder, rig: &Rig, path: &Path, outcome: &mut Outcome) -> Result<bool> {
+    let (stream, seen) = instants(folder, rig, path)?;
     let found = drift_check::check(rig, &seen, LIMIT_PX)?;
     let (seen, bundle) = fitted(rig, &seen)?;
     let residuals = residuals_of(&seen, &bundle);

@@ -85,9 +85,9 @@ pub fn run(args: &CommissionArgs) -> Result<ExitCode> {
     let done = match task {
         Task::Colours(args) => colours::run(&folder, &rig, args).map(|outcome| (outcome, true)),
         Task::Lenses(args) => lenses::run(&rig, args).map(|outcome| (outcome, true)),
-        Task::Poses(args) => poses::run(&rig, args).map(|outcome| (outcome, true)),
-        Task::Trocars(args) => trocars::run(&rig, args).map(|outcome| (outcome, true)),
-        Task::Check(args) => check::run(&rig, args),
+        Task::Poses(args) => poses::run(&folder, &rig, args).map(|outcome| (outcome, true)),
+        Task::Trocars(args) => trocars::run(&folder, &rig, args).map(|outcome| (outcome, true)),
+        Task::Check(args) => check::run(&folder, &rig, args),
     };
     let (mut outcome, good): (Outcome, bool) = done.map_err(|error| match error.downcast_ref() {
         // Each is a line of its own.

@@ -15,7 +15,7 @@ use clusters::{Heap, heaps, matched};
 use fpga_model::colours::Class;
 use fpga_model::colours::file::ColourFile;
 use fpga_model::colours::learn::{Samples, apart_deg, hue_deg};
-use fpga_model::commands::extractor::{Extractor, Polarity, Tuning};
+use fpga_model::commands::extractor::{Extractor, Tuning};
 use fpga_model::input::source::Shot;
 use fpga_model::input::{Interlace, Picture, overlay};
 use protocol::blobs::{BLOB_SATURATED, Colour};
@@ -54,8 +54,8 @@ pub struct Shown {
 /// Pictures that cannot be read, or show too little; see [`proposed`].
 pub fn run(folder: &Folder, rig: &Rig, args: &PicturesArgs) -> Result<Outcome> {
     let shown = load(rig, args)?;
-    let there = folder.file("colours.toml");
-    let before = ColourFile::load_or_shipped(there.exists().then_some(there.as_path()))?;
+    let there = folder.colours();
+    let before = ColourFile::load_or_shipped(there.as_deref())?;
     let (file, mut record) = proposed(rig, &shown)?;
     record.from = args.names();
     let [found, old] = [&file, &before].map(|f| Tried::new(f, rig, &shown));
@@ -71,7 +71,7 @@ pub fn run(folder: &Folder, rig: &Rig, args: &PicturesArgs) -> Result<Outcome> {
     if kept {
         record.notes.push("the previous colours find more markers in these pictures and are kept".into());
     }
-    outcome.colours = (!kept || !there.exists()).then(|| if kept { before.text() } else { file.text() });
+    outcome.colours = (!kept || there.is_none()).then(|| if kept { before.text() } else { file.text() });
     outcome.record = record;
     Ok(outcome)
 }
@@ -265,16 +265,7 @@ struct Tried {
 
 impl Tried {
     fn new(file: &ColourFile, rig: &Rig, shown: &[Shown]) -> Self {
-        let tuning = Tuning {
-            polarity: Polarity::Bright,
-            background: None,
-            threshold: None,
-            least_area: None,
-            max_blobs: None,
-            spots: false,
-            key: false,
-            grey: false,
-        };
+        let tuning = Tuning::default();
         let colours = colours_of(rig);
         let mut extractor = Extractor::new(file, &tuning);
         let (counts, pictures) = (BTreeMap::new(), BTreeMap::new());

@@ -180,6 +180,11 @@ impl Folder {
         self.path.join(name)
     }
 
+    /// The file of its colours, if the colours were learnt.
+    pub fn colours(&self) -> Option<PathBuf> {
+        Some(self.file("colours.toml")).filter(|file| file.exists())
+    }
+
     /// As it is typed.
     pub fn shown(&self) -> String {
         self.path.display().to_string()

@@ -4,7 +4,7 @@
 //! squares. Waved instruments refine what is right within some 0.2 mm and 2 mrad.
 
 use crate::boards::{Boards, half, look, rms_with};
-use crate::folder::Outcome;
+use crate::folder::{Folder, Outcome};
 use crate::lenses::residual_picture;
 use crate::pictures::PicturesArgs;
 use crate::places::{beside, exchanged, laid_over, spread_mm};
@@ -20,6 +20,7 @@ use calibration::report::Report;
 use calibration::rig_output::rig_with;
 use calibration::self_calibration::refine_stream;
 use calibration::target_problem::{Calibrated, Residual, Robustness, TargetView};
+use fpga_model::input::whole::is_recording;
 use protocol::blobs::BlobField;
 use rig::Rig;
 use rig::camera::Camera;
@@ -40,7 +41,8 @@ pub struct PosesArgs {
     /// The board.
     #[command(flatten)]
     pub board: BoardArgs,
-    /// Pictures of the board, or one stream (.mcap, .jsonl) of waved instruments.
+    /// Pictures of the board, or one stream (.mcap, .jsonl) of waved instruments. A recording of pixels is one of waved
+    /// instruments where no board is given.
     #[command(flatten)]
     pub pictures: PicturesArgs,
 }
@@ -49,9 +51,10 @@ pub struct PosesArgs {
 ///
 /// # Errors
 /// Pictures or a stream that cannot be read, or show too little.
-pub fn run(rig: &Rig, args: &PosesArgs) -> Result<Outcome> {
+pub fn run(folder: &Folder, rig: &Rig, args: &PosesArgs) -> Result<Outcome> {
+    let is_waved = |path: &Path| stream::is_stream(path) || (is_recording(path) && !args.board.is_given());
     match args.pictures.from.as_slice() {
-        [path] if stream::is_stream(path) => waved(rig, path),
+        [path] if is_waved(path) => waved(folder, rig, path),
         _ => boards(rig, args),
     }
 }
@@ -195,8 +198,8 @@ fn keep_or(rig: &Rig, new: Rig, outcome: &mut Outcome) -> Option<Rig> {
 /// How sure a rig is before its instruments are waved.
 const BEFORE: PriorSigmas = PriorSigmas { camera_mm: 0.2, camera_rad: 2e-3, marker_mm: 0.01, lens_px: 0.0 };
 
-fn waved(rig: &Rig, path: &Path) -> Result<Outcome> {
-    let stream = stream::load(rig, path)?;
+fn waved(folder: &Folder, rig: &Rig, path: &Path) -> Result<Outcome> {
+    let stream = stream::load(rig, path, folder.colours().as_deref())?;
     let refined = |fields: &[BlobField]| {
         refine_stream(rig, fields, &BEFORE, MOST_INSTANTS, &mut |_, _| {}).map_err(|problem| {
             Refused(vec![format!(
@@ -268,10 +271,11 @@ pub(crate) fn told(report: &Report, record: &mut crate::folder::Record) {
 
 /// Instants of a stream with the rig.
 pub(crate) fn instants(
+    folder: &Folder,
     rig: &Rig,
     path: &Path,
 ) -> Result<(Stream, Vec<calibration::observations::FrameObservations>)> {
-    let stream = stream::load(rig, path)?;
+    let stream = stream::load(rig, path, folder.colours().as_deref())?;
     let seen = stream.seen(rig)?;
     Ok((stream, seen))
 }

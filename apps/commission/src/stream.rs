@@ -29,17 +29,18 @@ pub struct Stream {
     pub seconds: f64,
 }
 
-/// True of what is a stream by its name; a recording of fields has pictures and no blobs.
+/// True of what has blobs, by its name; a recording of pixels has pictures.
 pub fn is_stream(path: &Path) -> bool {
     path.extension().is_some_and(|e| e == "mcap" || e == "jsonl") && !is_recording(path)
 }
 
-/// Reads a stream, and judges whether it can be one of this rig.
+/// Reads a stream, and judges whether it can be one of this rig. The blobs of a recording of pixels are found by
+/// `colours`, or by the shipped ones.
 ///
 /// # Errors
 /// A file that cannot be read; a stream that is short, lacks a camera, or is of another rig.
-pub fn load(rig: &Rig, path: &Path) -> Result<Stream> {
-    let fields = fields_in(path)?.1;
+pub fn load(rig: &Rig, path: &Path, colours: Option<&Path>) -> Result<Stream> {
+    let fields = fields_in(path, colours.filter(|_| is_recording(path)))?.1;
     let instants = fields.iter().map(|f| f.exposed_ns);
     let (first, last) = instants.fold((u64::MAX, 0), |(a, b), t| (a.min(t), b.max(t)));
     let stream = Stream { seconds: last.saturating_sub(first) as f64 * 1e-9, fields };

@@ -1,6 +1,6 @@
 //! Step `trocars`: where the shafts pass through the eye's wall, and where the eye turns about.
 
-use crate::folder::Outcome;
+use crate::folder::{Folder, Outcome};
 use crate::poses::{Fit, instants, told};
 use crate::{Refused, refuse};
 use anyhow::Result;
@@ -31,9 +31,9 @@ pub struct TrocarsArgs {
 ///
 /// # Errors
 /// A stream that cannot be read, or in which nothing turns about its pivot.
-pub fn run(rig: &Rig, args: &TrocarsArgs) -> Result<Outcome> {
+pub fn run(folder: &Folder, rig: &Rig, args: &TrocarsArgs) -> Result<Outcome> {
     let path: &Path = &args.from;
-    let (stream, seen) = instants(rig, path)?;
+    let (stream, seen) = instants(folder, rig, path)?;
     let (poses, centre) = turned(rig, &seen)?;
     let of_body: Vec<Vec<Shaft>> = (0..INSTRUMENTS).map(|body| shafts(&poses, body)).collect();
     let still: Vec<String> = of_body

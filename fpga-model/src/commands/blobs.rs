@@ -1,6 +1,7 @@
 //! `vitreo blobs`: extraction from pictures and clips.
 
-use super::extractor::{Counts, Extractor, Tuning};
+use super::extractor::Tuning;
+use super::finder::{Finder, Found};
 use super::progress;
 use crate::colours::file::ColourFile;
 use crate::input::source::Source;
@@ -8,7 +9,6 @@ use crate::input::still::Levels;
 use crate::input::{Interlace, overlay};
 use anyhow::{Context, Result};
 use blob_stream::write_blobs;
-use ipc::clock::now;
 use ipc::logging::inform;
 use outputs::{Force, OutputFile, Outputs, STDOUT};
 use std::io::Write;
@@ -65,7 +65,7 @@ pub struct BlobsArgs {
 /// Where colours, pictures or the list of fields are refused, or an output cannot be written.
 pub fn run(args: &BlobsArgs) -> Result<()> {
     let colours = ColourFile::load_or_shipped(args.colours.as_deref())?;
-    let mut source = Source::open(
+    let source = Source::open(
         &args.pictures,
         args.fields.as_deref(),
         &args.tuning.reading(args.levels, args.interlaced, &colours),
@@ -78,31 +78,25 @@ pub fn run(args: &BlobsArgs) -> Result<()> {
         outputs.claim(path)?;
     }
     let mut out = outputs.create(name)?;
-    let mut extractor = Extractor::new(&colours, &args.tuning);
-    let mut tally = Counts::default();
+    let mut finder = Finder::new(source, &colours, &args.tuning);
     let bar = progress::counter("pictures");
-    while args.pictures_at_most.is_none_or(|most| tally.pictures < most)
-        && let Some(mut shot) = source.take()?
+    let mut n = 0;
+    while args.pictures_at_most.is_none_or(|most| n < most)
+        && let Some(Found { shot, blobs, boxes }) = finder.next()?
     {
-        if shot.is_live {
-            (shot.head.t_ns, shot.head.t_rx_ns) = (now(), now());
-        }
-        extractor.settle(&shot);
-        let began = now();
-        let lost = extractor.scan(&shot);
-        tally.add(&shot, &extractor.blobs, lost, now() - began);
-        line(&mut out, &write_blobs(&shot.head, &extractor.blobs), shot.is_live)
+        line(&mut out, &write_blobs(&shot.head, blobs), shot.is_live)
             .with_context(|| format!("cannot write {}", name.display()))?;
-        if let Some(path) = overlay_path(args, tally.pictures - 1) {
+        if let Some(path) = overlay_path(args, n) {
             let lines = if shot.is_field { 2 } else { 1 };
-            let image = overlay::draw(&shot.view, extractor.blobs.iter().zip(&extractor.boxes), lines);
+            let image = overlay::draw(&shot.view, blobs.iter().zip(boxes), lines);
             outputs.write(&path, overlay::png(&image)?)?;
         }
+        n += 1;
         bar.inc(1);
     }
     bar.finish_and_clear();
     out.finish()?;
-    inform(&tally.summary());
+    inform(&finder.counts.summary());
     Ok(())
 }
 

@@ -14,9 +14,10 @@ use protocol::fields::DARK;
 const SETTLING: u32 = 16;
 
 /// Polarity of the blobs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum Polarity {
     /// Bright on dark.
+    #[default]
     Bright,
     /// Dark on bright.
     Dark,
@@ -63,7 +64,7 @@ impl Threshold {
 }
 
 /// Settings of the scanner; what is not given is as in the camera hardware.
-#[derive(Debug, Clone, clap::Args)]
+#[derive(Debug, Clone, Default, clap::Args)]
 pub struct Tuning {
     /// Blobs brighter or darker than their surroundings.
     #[arg(long, default_value = "bright", help_heading = "Detection")]

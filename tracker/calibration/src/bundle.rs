@@ -73,6 +73,9 @@ pub struct Freedom {
     pub elsewhere: Vec<Part>,
     /// For these.
     pub wide: PriorSigmas,
+    /// Values of lenses that stay as they are: index of the camera, and index into
+    /// [`crate::lens::LENS_NAMES`].
+    pub held: Vec<(usize, usize)>,
     /// Distance to the minimum that is near enough, in standard deviations; 0: as near as can be.
     pub near_enough: f64,
 }

@@ -2,13 +2,15 @@
 
 mod board;
 mod checks;
+mod fields;
 mod fixed;
 mod recorded;
 mod rig_file;
 mod stream;
 mod target;
 
-pub use stream::{Centre, LIMIT_PX, drift_report, fields_in, judged, pivoted, shafts, turned, waved_report};
+pub use fields::fields_in;
+pub use stream::{Centre, LIMIT_PX, drift_report, judged, pivoted, shafts, turned, waved_report};
 pub use target::BoardArgs;
 
 use crate::lens::{LENS, LENS_NAMES};
@@ -80,9 +82,9 @@ impl Task {
                 let lists = a.points.iter().chain(&a.pictures).chain(&a.picked);
                 (&a.output, lists.chain(&a.target).chain(&a.rig).collect())
             }
-            Task::Waved(a) => (&a.output, std::iter::once(&a.stream).chain(&a.from.rig).collect()),
-            Task::Pivot(a) => (&a.output, a.stream.iter().chain(&a.poses).chain(&a.from.rig).collect()),
-            Task::Drift(a) => (&a.output, std::iter::once(&a.stream).chain(&a.from.rig).collect()),
+            Task::Waved(a) => (&a.output, std::iter::once(&a.stream).chain(a.from.files()).collect()),
+            Task::Pivot(a) => (&a.output, a.stream.iter().chain(&a.poses).chain(a.from.files()).collect()),
+            Task::Drift(a) => (&a.output, std::iter::once(&a.stream).chain(a.from.files()).collect()),
         };
         output.claim(&inputs)
     }

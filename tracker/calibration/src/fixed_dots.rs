@@ -7,7 +7,7 @@ use crate::target_problem::{
     residuals, rms, robust_sigma, set_camera_pose, with_weak_terms_held,
 };
 use crate::{CalibrationError, degenerate, linear, starts};
-use nalgebra::{Isometry3, Point3, Vector2};
+use nalgebra::{DVector, Isometry3, Point3, Vector2};
 use rig::camera::Camera;
 
 /// What is known of a camera before its calibration.
@@ -178,13 +178,22 @@ pub fn held_out(
         .collect();
     let calibrated = calibrate_on_dots(before, &known, free, robustness, &mut |_, _| {})?;
     let cameras = &calibrated.scene.cameras;
-    let noise = noise_of(&calibrated.residuals, cameras.len());
+    let behind = || degenerate("a dot lies behind a camera");
+    let errors = |dot: &Dot| {
+        let error = |(camera, pixel): (&Camera, &Vector2<f64>)| Some(pixel - camera.project(&dot.point)?);
+        let all =
+            cameras.iter().zip(&dot.pixels).map(error).collect::<Option<Vec<_>>>().ok_or_else(behind)?;
+        Ok(DVector::from_iterator(2 * all.len(), all.iter().flat_map(|e| [e.x, e.y])))
+    };
+    let learnt = common.iter().enumerate().filter(|(i, _)| chosen(*i)).map(|(_, dot)| errors(dot));
+    let noise = noise_of(&learnt.collect::<Result<Vec<_>, CalibrationError>>()?);
     let (mut squares, mut n) = (nalgebra::Vector3::zeros(), 0);
     for (_, Dot { point, pixels }) in common.iter().enumerate().filter(|(i, _)| !chosen(*i)) {
-        let points = cameras.iter().zip(pixels).zip(&noise);
+        let points = cameras.iter().zip(pixels);
         let points: Vec<ImagePoint<'_>> =
-            points.map(|((camera, &pixel), &covariance)| ImagePoint { camera, pixel, covariance }).collect();
-        let found = triangulate(&points).ok_or_else(|| degenerate("rays of the cameras do not meet"))?;
+            points.map(|(camera, &pixel)| ImagePoint { camera, pixel }).collect();
+        let found =
+            triangulate(&points, &noise).ok_or_else(|| degenerate("rays of the cameras do not meet"))?;
         squares += (found - point).map(|e| e * e);
         n += 1;
     }

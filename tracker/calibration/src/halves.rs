@@ -4,10 +4,12 @@ use crate::CalibrationError;
 use crate::lens::LENS;
 use crate::linear::target_in_camera;
 use crate::target_problem::{
-    FreeParameters, Residual, Robustness, Scene, TargetProblem, TargetView, calibrate, camera_pose, rms,
+    Calibrated, FreeParameters, Residual, Robustness, Scene, TargetProblem, TargetView, calibrate,
+    camera_pose, residuals, rms,
 };
 use nalgebra::Isometry3;
 use rig::camera::Camera;
+use std::collections::BTreeSet;
 
 /// Every second of some sheets, by view: `odd` or even ones.
 pub fn half(sheets: &[TargetView], odd: bool) -> Vec<TargetView> {
@@ -39,4 +41,65 @@ pub fn residuals_with(cameras: &[Camera], sheets: &[TargetView]) -> Result<Vec<R
 /// Their root mean square length, px; infinite where the board cannot be laid at all.
 pub fn rms_with(cameras: &[Camera], sheets: &[TargetView]) -> f64 {
     residuals_with(cameras, sheets).map_or(f64::INFINITY, |r| rms(r.into_iter()))
+}
+
+/// Fewest views, or dots of a camera, of which halves are made.
+const FEWEST: [usize; 2] = [6, 24];
+
+/// Root mean square residuals of what took no part, px.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeldOut {
+    /// With the cameras that were there; infinite where they see a point behind themselves.
+    pub before_px: f64,
+    /// With those that the other half gives.
+    pub after_px: f64,
+}
+
+impl HeldOut {
+    /// True where what was there predicts better.
+    pub fn is_worse(&self) -> bool {
+        self.after_px.is_nan() || self.after_px > self.before_px
+    }
+
+    /// Of views of a board: every second one, by `before` and by what `calibrated` makes of the others. `None` of too few
+    /// views, or where the others do not suffice.
+    pub fn of_views(
+        before: &[Camera],
+        sheets: &[TargetView],
+        calibrated: impl FnOnce(&[TargetView]) -> Result<Calibrated, CalibrationError>,
+    ) -> Option<Self> {
+        let views: BTreeSet<usize> = sheets.iter().map(|s| s.view).collect();
+        if views.len() < FEWEST[0] {
+            return None;
+        }
+        let judge = half(sheets, true);
+        let learnt = calibrated(&half(sheets, false)).ok()?;
+        let [before_px, after_px] = [before, &learnt.scene.cameras].map(|cameras| rms_with(cameras, &judge));
+        Some(HeldOut { before_px, after_px })
+    }
+
+    /// Of dots that stay in place: every second one of each camera, as [`HeldOut::of_views`] has it. The world is the frame
+    /// of the dots for both.
+    pub fn of_dots(
+        before: &[Camera],
+        sheets: &[TargetView],
+        calibrated: impl FnOnce(&[TargetView]) -> Result<Calibrated, CalibrationError>,
+    ) -> Option<Self> {
+        if sheets.iter().any(|s| s.samples.len() < FEWEST[1]) {
+            return None;
+        }
+        let of = |odd: usize| -> Vec<TargetView> {
+            let samples = |s: &TargetView| s.samples.iter().skip(odd).step_by(2).copied().collect();
+            sheets.iter().map(|s| TargetView { samples: samples(s), ..s.clone() }).collect()
+        };
+        let judge = of(1);
+        let learnt = calibrated(&of(0)).ok()?;
+        let left = |cameras: &[Camera]| {
+            let scene = Scene { cameras: cameras.to_vec(), views: vec![Isometry3::identity()] };
+            let left = residuals(&scene, &judge);
+            let all = judge.iter().map(|s| s.samples.len()).sum::<usize>();
+            if left.len() == all { rms(left.into_iter()) } else { f64::INFINITY }
+        };
+        Some(HeldOut { before_px: left(before), after_px: left(&learnt.scene.cameras) })
+    }
 }

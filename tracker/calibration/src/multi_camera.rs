@@ -2,11 +2,11 @@
 
 use crate::lens::LENS;
 use crate::target_problem::{
-    Calibrated, FreeParameters, Residual, Robustness, Scene, TargetProblem, TargetView, calibrate,
-    calibrate_lens, camera_pose, set_camera_pose,
+    Calibrated, FreeParameters, Robustness, Scene, TargetProblem, TargetView, calibrate, calibrate_lens,
+    camera_pose, set_camera_pose,
 };
 use crate::{CalibrationError, degenerate, linear};
-use nalgebra::{Isometry3, Matrix2, Point3, Vector2};
+use nalgebra::{DMatrix, DVector, Isometry3, Point3, Vector2, Vector3};
 use rig::camera::Camera;
 
 /// Called with the iteration and the cost.
@@ -127,16 +127,20 @@ fn medoid(all: &[Isometry3<f64>]) -> Isometry3<f64> {
 /// Most steps of the triangulation, and the step at which it ends, mm.
 const TRIANGULATION: (usize, f64) = (20, 1e-9);
 
-/// Covariance of the image points of each camera, px², from its residuals: cameras differ, and so
-/// do columns and lines.
-pub fn noise_of(residuals: &[Residual], cameras: usize) -> Vec<Matrix2<f64>> {
-    let of_camera = |c: usize| {
-        let own = residuals.iter().filter(|r| r.camera == c).map(|r| r.error);
-        let n = own.clone().count().max(1) as f64;
-        // Exact data have no noise; a thousandth of a pixel keeps the weights finite.
-        own.map(|e| e * e.transpose()).sum::<Matrix2<f64>>() / n + Matrix2::identity() * 1e-6
-    };
-    (0..cameras).map(of_camera).collect()
+/// Covariance of what a dot's image points are off in all cameras (x and y of the first, then of the next, px²), from the
+/// errors of known dots.
+///
+/// Cameras and axes differ. Errors of different cameras go together where dots are elsewhere than their list says, as in
+/// lists that were triangulated themselves. Of `n` unknowns, few dots say little about such pairs: they count less by a
+/// share of `n` over the number of dots.
+pub fn noise_of(errors_px: &[DVector<f64>]) -> DMatrix<f64> {
+    let (n, dots) = (errors_px.first().map_or(0, |e| e.len()), errors_px.len().max(1) as f64);
+    let sum = errors_px.iter().fold(DMatrix::zeros(n, n), |sum, e| sum + e * e.transpose());
+    let kept = 1.0 - (n as f64 / dots).min(1.0);
+    let mut noise = sum.map_with_location(|r, c, v| v / dots * if r / 2 == c / 2 { 1.0 } else { kept });
+    // Exact data have no noise; a thousandth of a pixel keeps the weights finite.
+    noise += DMatrix::identity(n, n) * 1e-6;
+    noise
 }
 
 /// An image point of one camera.
@@ -146,28 +150,26 @@ pub struct ImagePoint<'a> {
     pub camera: &'a Camera,
     /// The point, px.
     pub pixel: Vector2<f64>,
-    /// Its covariance, px².
-    pub covariance: Matrix2<f64>,
 }
 
-/// The most likely point of some image points. `None` for fewer than two, parallel rays, or a point
-/// behind a camera.
-pub fn triangulate(points: &[ImagePoint<'_>]) -> Option<Point3<f64>> {
+/// The most likely point of some image points, whose errors have a covariance as [`noise_of`] gives it. `None` for fewer
+/// than two, parallel rays, or a point behind a camera.
+pub fn triangulate(points: &[ImagePoint<'_>], covariance_px2: &DMatrix<f64>) -> Option<Point3<f64>> {
     if points.len() < 2 {
         return None;
     }
-    let weights = points.iter().map(|p| p.covariance.try_inverse()).collect::<Option<Vec<_>>>()?;
+    let covariance = covariance_px2.clone().cholesky()?;
     let rays = points.iter().map(|p| Some((p.camera.centre_in_world(), p.camera.ray_in_world(p.pixel)?)));
     let mut at = linear::triangulate_rays(&rays.collect::<Option<Vec<_>>>()?)?;
+    let (mut slope, mut off) = (DMatrix::zeros(2 * points.len(), 3), DVector::zeros(2 * points.len()));
     for _ in 0..TRIANGULATION.0 {
-        let (mut m, mut r) = (nalgebra::Matrix3::zeros(), nalgebra::Vector3::zeros());
-        for (ImagePoint { camera, pixel, .. }, weight) in points.iter().zip(&weights) {
-            let slope = camera.projection_jacobian(&at)?;
-            m += slope.transpose() * weight * slope;
-            r += slope.transpose() * weight * (pixel - camera.project(&at)?);
+        for (i, ImagePoint { camera, pixel }) in points.iter().enumerate() {
+            slope.fixed_view_mut::<2, 3>(2 * i, 0).copy_from(&camera.projection_jacobian(&at)?);
+            off.fixed_rows_mut::<2>(2 * i).copy_from(&(pixel - camera.project(&at)?));
         }
-        let step = m.cholesky()?.solve(&r);
-        at += step;
+        let weighted = covariance.solve(&slope);
+        let step = slope.tr_mul(&weighted).cholesky()?.solve(&weighted.tr_mul(&off));
+        at += Vector3::new(step[0], step[1], step[2]);
         if step.norm() < TRIANGULATION.1 {
             break;
         }

@@ -15,7 +15,7 @@ use crate::bundle::{Bundle, FIXED_RIG, Freedom, PriorSigmas, Value};
 use crate::lens::{EXTRINSICS, LENS, by_extrinsics, project};
 use crate::observations::{FrameObservations, MarkerObservation, collect};
 use crate::solve::{Problem, Solution, solve};
-use crate::target_problem::{Residual, rms};
+use crate::target_problem::{DISPENSABLE, Residual, rms};
 use crate::{CalibrationError, degenerate};
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, Vector3};
 use paths::{PathProblem, in_stretches};
@@ -52,6 +52,9 @@ pub struct SelfCalibration {
     /// Weakly observed parameters: their standard deviation is more than nine tenths of the prior
     /// one.
     pub weakly_observed: Vec<String>,
+    /// Terms of lenses that were free but are as they were, since the stream does not determine them: camera, and index
+    /// into [`crate::lens::LENS_NAMES`].
+    pub held: Vec<(usize, usize)>,
     /// Root mean square shift of each camera's image, and its standard deviation, px.
     pub shifts_px: Vec<(f64, f64)>,
     /// Σ ρ per degree of freedom: 1 where the blobs' covariances are right.
@@ -80,6 +83,9 @@ pub(crate) struct Shared {
 const BESIDE_MM: f64 = 0.2;
 /// Fewest instants with observations.
 pub const FEWEST_INSTANTS: usize = 10;
+
+/// A parameter whose standard deviation is more than this share of the prior one is weakly observed.
+const WEAK: f64 = 0.9;
 
 /// Refines a rig from the observations made with it.
 ///
@@ -171,6 +177,18 @@ const USUAL_PX2: (f64, f64) = (0.045 * 0.045, 0.088 * 0.088);
 /// Divisor of the deweighting from one round to the next.
 const DOUBT_STEP: f64 = 8.0;
 
+/// Of each camera the first term of its distortion that its stream does not determine.
+fn weak_terms(found: &SelfCalibration) -> Vec<(usize, usize)> {
+    let Shared { values, sigmas, covariance, .. } = &found.shared;
+    let is_weak = |value: Value| {
+        let at = values.iter().position(|v| *v == value);
+        at.is_some_and(|at| covariance[(at, at)].max(0.0).sqrt() > WEAK * sigmas[at])
+    };
+    let first =
+        |c: usize| DISPENSABLE.into_iter().find(|&term| is_weak(Value::Lens(c, term))).map(|term| (c, term));
+    (0..found.sigmas.len()).filter_map(first).collect()
+}
+
 /// Refines a rig from a stream: tracked with the rig as it is and blobs deweighted by the errors of
 /// the rig, then again with the refined rig and less deweighting, until the blobs have their own
 /// weights. At most `most` instants are used, spread over the stream.
@@ -187,7 +205,8 @@ pub fn refine_stream(
     refine_stream_free(rig, fields, &Freedom::from(*known), most, progress)
 }
 
-/// As [`refine_stream`], with other freedoms.
+/// As [`refine_stream`], with other freedoms. Terms of a lens's distortion that the stream does not determine stay as they
+/// were, the highest power first, and are listed in [`SelfCalibration::held`].
 ///
 /// # Errors
 /// As [`refine_stream`].
@@ -198,7 +217,7 @@ pub fn refine_stream_free(
     most: usize,
     progress: &mut dyn FnMut(usize, f64),
 ) -> Result<SelfCalibration, CalibrationError> {
-    let (mut doubt, mut current) = (free.rough(rig), rig.clone());
+    let (mut doubt, mut current, mut free) = (free.rough(rig), rig.clone(), free.clone());
     loop {
         let deweight = |f: &BlobField| if doubt > 1.0 { deweighted(f, doubt) } else { *f };
         let mut seen = collect(&current, &fields.iter().map(deweight).collect::<Vec<_>>());
@@ -208,12 +227,18 @@ pub fn refine_stream_free(
         }
         // The prior stays; only the poses start from better values.
         let found = if doubt <= 1.0 && free.near_enough > 0.0 {
-            refine_moving(rig, seen, most, free, free.rough(rig))?
+            refine_moving(rig, seen, most, &free, free.rough(rig))?
         } else {
-            refine_free(rig, &spread(seen, most), free, free.rough(rig), progress)?
+            refine_free(rig, &spread(seen, most), &free, free.rough(rig), progress)?
         };
         if doubt <= 1.0 {
-            return every_camera_saw(rig, &found.residuals).map(|()| found);
+            let weak = weak_terms(&found);
+            if !weak.is_empty() {
+                free.held.extend(weak);
+                continue;
+            }
+            every_camera_saw(rig, &found.residuals)?;
+            return Ok(SelfCalibration { held: free.held, ..found });
         }
         current = found.bundle.rig(rig);
         doubt = (doubt / DOUBT_STEP).max(1.0);
@@ -348,7 +373,7 @@ fn summary_of(
             Value::Place(c, i) => sigmas[c][LENS + i] = sigma,
             Value::Marker(..) | Value::Late(..) | Value::Swapped(..) | Value::Aside => {}
         }
-        if sigma > 0.9 * problem.sigmas[at] {
+        if sigma > WEAK * problem.sigmas[at] {
             let name = problem.name(at);
             if weakly_observed.last() != Some(&name) {
                 weakly_observed.push(name);
@@ -360,6 +385,7 @@ fn summary_of(
         before,
         sigmas,
         weakly_observed,
+        held: Vec::new(),
         shifts_px: (0..cameras).map(|c| shift_of(problem, &solution, c)).collect(),
         reduced_cost: solution.cost / solution.freedom.max(1) as f64 * problem.noise * problem.noise,
         iterations: solution.iterations,

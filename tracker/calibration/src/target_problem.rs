@@ -228,7 +228,7 @@ pub struct Calibrated {
 
 /// Values of the lens that are held at zero, in this order, where the data do not determine them: the highest power
 /// first, which a part of the picture determines least.
-const DISPENSABLE: [usize; 5] = [8, 5, 7, 6, 4];
+pub(crate) const DISPENSABLE: [usize; 5] = [8, 5, 7, 6, 4];
 
 /// Solves with the values of the lens in `free`, and with fewer as long as the data do not determine them; returns those
 /// that are held at zero.

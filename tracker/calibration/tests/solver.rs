@@ -4,9 +4,9 @@
 use calibration::CalibrationError;
 use calibration::fixed_dots::{CameraPrior, calibrate_on_dots};
 use calibration::lens::{LENS, lens_of, pinhole_camera};
-use calibration::multi_camera::{ImagePoint, LensMode, calibrate_cameras, triangulate};
+use calibration::multi_camera::{ImagePoint, LensMode, calibrate_cameras, noise_of, triangulate};
 use calibration::target_problem::{Correspondence, FreeParameters, Robustness, TargetView, calibrate_lens};
-use nalgebra::{Isometry3, Point3, Rotation3, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Isometry3, Point3, Rotation3, Vector2, Vector3};
 use proptest::prelude::*;
 use rig::camera::Camera;
 
@@ -125,8 +125,8 @@ proptest! {
             for (a, b) in found.scene.cameras.iter().zip(&cameras) {
                 prop_assert!((a.centre_in_world() - b.centre_in_world()).norm() < 1e-4);
             }
-            let sights: Vec<_> = found.scene.cameras.iter().zip(&sheets).map(|(camera, s)| ImagePoint { camera, pixel: s.samples[7].pixel, covariance: nalgebra::Matrix2::identity() }).collect();
-            prop_assert!((triangulate(&sights).unwrap() - dots[7]).norm() < 1e-5);
+            let sights: Vec<_> = found.scene.cameras.iter().zip(&sheets).map(|(camera, s)| ImagePoint { camera, pixel: s.samples[7].pixel }).collect();
+            prop_assert!((triangulate(&sights, &DMatrix::identity(6, 6)).unwrap() - dots[7]).norm() < 1e-5);
         }
     }
 }
@@ -303,14 +303,50 @@ fn dots_that_fix_nothing_are_refused_in_words() {
     let same = vec![Point3::new(1.0, 2.0, 3.0); 20];
     assert!(told(&same).contains("in one place"), "{}", told(&same));
     // Rays that never meet.
-    let point = ImagePoint {
-        camera: &camera,
-        pixel: Vector2::new(300.0, 300.0),
-        covariance: nalgebra::Matrix2::identity(),
-    };
+    let point = ImagePoint { camera: &camera, pixel: Vector2::new(300.0, 300.0) };
     let rays = [point; 2];
-    assert!(triangulate(&rays).is_none());
-    assert!(triangulate(&rays[..1]).is_none());
+    assert!(triangulate(&rays, &DMatrix::identity(4, 4)).is_none());
+    assert!(triangulate(&rays[..1], &DMatrix::identity(2, 2)).is_none());
+}
+
+#[test]
+fn errors_of_the_list_of_dots_are_not_taken_for_those_of_the_cameras() {
+    let around = |c: u32| {
+        let mut camera = camera();
+        let turn = Rotation3::from_euler_angles(0.5, 1.2 * f64::from(c) - 1.8, 0.2 * f64::from(c));
+        camera.camera_from_world = turn.into_inner();
+        camera.translation_mm = Vector3::new(0.0, 0.0, 90.0);
+        camera
+    };
+    let cameras: Vec<Camera> = (0..4).map(around).collect();
+    let mut noise = Noise::new(5);
+    // The first camera is worse than the others; the list was triangulated without that knowledge.
+    let mut dot = || {
+        let truth = Point3::new(noise.next(), noise.next(), noise.next()) * 4.0;
+        let seen = cameras.iter().enumerate().map(|(c, camera)| {
+            let px = if c == 0 { 0.6 } else { 0.1 };
+            camera.project(&truth).unwrap() + Vector2::new(noise.next(), noise.next()) * px
+        });
+        seen.collect::<Vec<_>>()
+    };
+    let dots: Vec<Vec<Vector2<f64>>> = (0..200).map(|_| dot()).collect();
+    let placed = |seen: &[Vector2<f64>], covariance: &DMatrix<f64>| {
+        let points = cameras.iter().zip(seen).map(|(camera, &pixel)| ImagePoint { camera, pixel });
+        triangulate(&points.collect::<Vec<_>>(), covariance).unwrap()
+    };
+    let list: Vec<Point3<f64>> = dots.iter().map(|seen| placed(seen, &DMatrix::identity(8, 8))).collect();
+    let error = |(seen, point): (&Vec<Vector2<f64>>, &Point3<f64>)| {
+        let off = cameras.iter().zip(seen).map(|(camera, pixel)| pixel - camera.project(point).unwrap());
+        DVector::from_iterator(8, off.flat_map(|e| [e.x, e.y]))
+    };
+    let joint = noise_of(&dots.iter().zip(&list).take(100).map(error).collect::<Vec<_>>());
+    let apart = joint.map_with_location(|r, c, v| if r / 2 == c / 2 { v } else { 0.0 });
+    let left = |covariance: &DMatrix<f64>| {
+        let held_out = dots.iter().zip(&list).skip(100);
+        held_out.map(|(seen, point)| (placed(seen, covariance) - point).norm_squared()).sum::<f64>().sqrt()
+    };
+    let [joint, apart] = [&joint, &apart].map(left);
+    assert!(joint < 0.6 * apart, "{joint} of {apart}");
 }
 
 /// Cameras around the origin, and dots between them.

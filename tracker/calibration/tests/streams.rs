@@ -4,7 +4,9 @@
 use blob_stream::BlobReader;
 use calibration::bundle::PriorSigmas;
 use calibration::causes::{Verdict, judge};
+use calibration::cli::waved_report;
 use calibration::drift_check;
+use calibration::lens::{LENS, lens_of};
 use calibration::observations::{FrameObservations, collect};
 use calibration::self_calibration::{FEWEST_INSTANTS, fitted, refine, refine_stream};
 use calibration::target_problem::rms;
@@ -164,4 +166,33 @@ fn too_short_a_stream_is_refused_in_words() {
     let refused = drift_check::check(&stream.rig, &few, LIMIT_PX).unwrap_err().to_string();
     assert!(refused.contains("at least"), "{refused}");
     assert!(refine(&stream.rig, &[], &PriorSigmas::default(), &mut |_, _| {}).is_err());
+}
+
+#[test]
+fn lens_terms_that_a_stream_does_not_determine_stay_as_in_the_rig() {
+    let stream = load("calib");
+    let refined = |lens_px: f64| {
+        let known = PriorSigmas { lens_px, ..PriorSigmas::default() };
+        refine_stream(&stream.rig, &stream.fields, &known, 60, &mut |_, _| {}).unwrap()
+    };
+    let before = stream.rig.cameras();
+    // A lens of which no stream says more than is known.
+    let sure = refined(1e-4);
+    assert_eq!(sure.held.len(), 5 * before.len(), "{:?}", sure.held);
+    for (old, new) in before.iter().zip(&sure.bundle.cameras) {
+        assert_eq!(old.distortion, new.distortion);
+        assert_ne!(old.focal_px, new.focal_px, "only the terms of the distortion are held");
+    }
+    let report = waved_report(&stream.rig, &sure, true);
+    let said = "camera 1: the stream does not determine k3, k2, p2, p1, k1: kept as in the rig";
+    assert!(report.notes.iter().any(|note| note == said), "{:?}", report.notes);
+    let open = refined(2.0);
+    println!("held at a lens known to 2 px: {:?}", open.held);
+    assert!(open.held.len() < sure.held.len());
+    for (c, (old, new)) in before.iter().zip(&open.bundle.cameras).enumerate() {
+        for term in 4..LENS {
+            let is_held = open.held.contains(&(c, term));
+            assert_eq!(lens_of(old)[term] == lens_of(new)[term], is_held, "term {term} of camera {c}");
+        }
+    }
 }

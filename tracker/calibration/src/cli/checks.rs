@@ -1,13 +1,13 @@
 //! What is wrong with what a target's points say: points outside of the picture, points that are others' (reflections,
-//! wrong dots), boards that were tilted to one side only, and a lens that is no better than the one that was there.
+//! wrong dots), boards that were tilted to one side only, and cameras that are no better than those that were there.
 
-use crate::halves::{half, rms_with};
+use crate::halves::HeldOut;
 use crate::lens::{LENS_NAMES, lens_of};
-use crate::target_problem::{
-    Calibrated, FreeParameters, Robustness, TargetView, calibrate_lens, robust_sigma,
-};
+use crate::report::Report;
+use crate::target_problem::{Calibrated, TargetView, robust_sigma};
 use anyhow::{Result, bail, ensure};
 use nalgebra::{Matrix2, Vector2};
+use rig::Rig;
 use rig::camera::Camera;
 
 /// A point so far from where it should be is another one: standard deviations, and px.
@@ -16,8 +16,6 @@ const ASTRAY: (f64, f64) = (8.0, 3.0);
 const ONE_SIDED: f64 = 0.1;
 /// Focal lengths less sure than the first share are worth a word, than the second are refused.
 const DOUBT: [f64; 2] = [0.01, 0.05];
-/// Fewest views of which halves are made.
-const FEWEST_OF_HALVES: usize = 6;
 
 /// Refuses points outside of their cameras' pictures; `from` says where the sizes come from.
 pub fn inside(sheets: &[TargetView], sizes_px: &[[u32; 2]], from: &str) -> Result<()> {
@@ -97,27 +95,45 @@ pub fn held_well(found: &Calibrated) -> Result<Option<String>> {
     }))
 }
 
-/// Refuses a lens that predicts views which took no part worse than the one that was there.
-pub fn better_than(
-    before: &Camera,
-    sheets: &[TargetView],
-    free: FreeParameters,
-    loss: Robustness,
-) -> Result<()> {
-    if sheets.len() < FEWEST_OF_HALVES {
-        return Ok(());
+/// What the cameras of `rig` and those by one half of what was seen leave of the other half; `None`, and why, where they
+/// cannot be compared.
+pub fn beside(
+    rig: &Rig,
+    sizes_px: &[[u32; 2]],
+    compared: impl FnOnce(&[Camera]) -> Option<HeldOut>,
+) -> Result<HeldOut, String> {
+    let before = rig.cameras();
+    let sizes: Vec<[u32; 2]> = before.iter().map(|c| c.size_px).collect();
+    if sizes != sizes_px {
+        return Err("not compared with the rig, whose cameras differ in number or size".into());
     }
-    let judge = half(sheets, true);
-    let learnt = calibrate_lens(before.id, before.size_px, &half(sheets, false), free, loss, &mut |_, _| {});
-    let new_px = learnt.map_or(f64::INFINITY, |c| rms_with(&c.scene.cameras, &judge));
-    let old_px = rms_with(std::slice::from_ref(before), &judge);
-    ensure!(
-        new_px <= old_px,
-        "camera {}: the lens in the rig leaves {old_px:.3} px in every second view, one found from the others {new_px:.3} \
-         px: nothing is written",
-        before.id
-    );
-    Ok(())
+    compared(&before)
+        .ok_or_else(|| "not compared with the rig: halves of what was seen are too little".into())
+}
+
+/// Adds to a report what is left of held-out points; returns why nothing is written where the rig predicts them better.
+pub fn judged(held_out: Option<Result<HeldOut, String>>, report: &mut Report) -> Option<String> {
+    let held_out = match held_out? {
+        Ok(held_out) => held_out,
+        Err(note) => {
+            report.notes.push(note);
+            return None;
+        }
+    };
+    let HeldOut { before_px, after_px } = held_out;
+    if before_px.is_infinite() {
+        report
+            .notes
+            .push("not compared with the rig: its cameras do not see the held-out points at all".into());
+        return None;
+    }
+    report.figure("left of points that took no part, with the rig as it was", before_px, "px");
+    report.figure("left of points that took no part, calibrated by the others", after_px, "px");
+    held_out.is_worse().then(|| {
+        format!(
+            "the rig as it was predicts held-out points better: residuals {before_px:.3} px, newly calibrated {after_px:.3} px"
+        )
+    })
 }
 
 #[cfg(test)]

@@ -1,14 +1,18 @@
 //! Calibrations that look at dots of known places: `dots`.
 
 use super::target::{finish, report_of, sheets_of_lists};
-use super::{OutputArgs, SolveArgs, checks, pair, progress, short};
+use super::{OutputArgs, SolveArgs, checks, pair, progress, recorded, short};
 use crate::fixed_dots::{CameraPrior, calibrate_on_dots, common_dots, held_out};
 use crate::grey_image::GreyImage;
+use crate::halves::HeldOut;
 use crate::known_target::match_dots;
 use crate::lens::LENS;
+use crate::rig_output::rig_with;
 use crate::target_problem::{Robustness, TargetView};
 use crate::{CalibrationError, dots, point_lists};
 use anyhow::{Context, ensure};
+use fpga_model::input::recorded::Recorded;
+use fpga_model::input::whole::is_recording;
 use rig::Rig;
 use rig::camera::Camera;
 use std::path::PathBuf;
@@ -20,7 +24,8 @@ pub struct DotsArgs {
     /// Point list of each camera, camera 0 first.
     #[arg(value_name = "POINTS", required_unless_present = "pictures")]
     pub points: Vec<PathBuf>,
-    /// Pictures of the target instead of point lists, one per camera.
+    /// Pictures of the target instead of point lists: one per camera, or a recording of vitreo cameras --record-fields
+    /// (.mcap), of which the first whole picture of each camera is used.
     #[arg(long, value_name = "PICTURE", num_args = 1.., requires = "target", requires = "picked", conflicts_with = "points")]
     pub pictures: Vec<PathBuf>,
     /// Positions of the dots of the target: X Y Z per line, mm.
@@ -33,7 +38,7 @@ pub struct DotsArgs {
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
     pub size: Option<[u32; 2]>,
     /// Rig whose cameras are replaced. Without --size its lenses are kept and only the poses are calibrated; point lists
-    /// need --size or --rig.
+    /// need --size or --rig [default: the rig of the recording, or the shipped one].
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
     /// Cross-validate N times: calibrate on a random half of the dots that all cameras see and triangulate the other
@@ -50,6 +55,12 @@ pub struct DotsArgs {
 fn sheets_of_dots(args: &DotsArgs) -> anyhow::Result<Vec<TargetView>> {
     let mut sheets = Vec::new();
     for (camera, path) in args.points.iter().enumerate() {
+        ensure!(
+            !is_recording(path),
+            "{}: is a recording of pixels, which does not say where dots are: expected a point list of each camera, or \
+             --pictures {0} --target FILE --picked POINTS",
+            path.display()
+        );
         let mut views = sheets_of_lists(std::slice::from_ref(path), camera)?;
         let n = views.len();
         ensure!(n == 1, "{}: expected dots that stay in place, found {n} views", path.display());
@@ -58,42 +69,118 @@ fn sheets_of_dots(args: &DotsArgs) -> anyhow::Result<Vec<TargetView>> {
     Ok(sheets)
 }
 
-/// The target's dots in a picture of each camera, and the pictures' sizes.
-fn sheets_of_target(args: &DotsArgs) -> anyhow::Result<(Vec<TargetView>, Vec<[u32; 2]>)> {
+/// A picture of the target.
+struct Shown {
+    /// Its name in tables, and in messages.
+    names: [String; 2],
+    picture: GreyImage,
+}
+
+impl Shown {
+    fn size_px(&self) -> [u32; 2] {
+        [self.picture.width as u32, self.picture.height as u32]
+    }
+
+    /// Checks that it has a size; `from` says where that comes from.
+    fn expect_size(&self, [w, h]: [u32; 2], from: &str) -> anyhow::Result<()> {
+        let ([x, y], name) = (self.size_px(), &self.names[1]);
+        ensure!([x, y] == [w, h], "{name}: expected {w}×{h} px {from}, found {x}×{y}");
+        Ok(())
+    }
+}
+
+/// A picture of each camera: those of files, or the first ones in a recording.
+fn shown(args: &DotsArgs) -> anyhow::Result<Vec<Shown>> {
+    let progress = progress("pictures", None);
+    let of_file = |path: &PathBuf| {
+        progress.set_message(short(path));
+        Ok(Shown { names: [short(path), path.display().to_string()], picture: GreyImage::load(path)? })
+    };
+    let recorded = args.pictures.iter().find(|path| is_recording(path));
+    let all = match recorded {
+        None => args.pictures.iter().map(of_file).collect(),
+        Some(path) => {
+            ensure!(
+                args.pictures.len() == 1,
+                "--pictures: expected one recording (.mcap) or a picture of each camera, found both"
+            );
+            let of_camera = |camera: u32| {
+                let (name, picture) = recorded::first(path, camera)?;
+                Ok(Shown { names: [format!("{} camera {camera}", short(path)), name], picture })
+            };
+            Recorded::head(path)?.cameras.into_iter().map(of_camera).collect()
+        }
+    };
+    progress.finish_and_clear();
+    all
+}
+
+/// The target's dots in a picture of each camera.
+fn sheets_of_target(args: &DotsArgs, pictures: &[Shown]) -> anyhow::Result<Vec<TargetView>> {
     let target =
         point_lists::load_target(args.target.as_deref().context("--target is needed with --pictures")?)?;
-    let (pictures, lists) = (args.pictures.len(), args.picked.len());
-    ensure!(pictures == lists, "--picked: expected a list for each of {pictures} pictures, found {lists}");
-    let progress = progress("pictures", Some(pictures as u64));
-    let (mut sheets, mut sizes) = (Vec::new(), Vec::new());
-    for (camera, (path, picked)) in args.pictures.iter().zip(&args.picked).enumerate() {
-        let picture = GreyImage::load(path)?;
-        let own = [picture.width as u32, picture.height as u32];
-        if let Some([w, h]) = args.size {
-            let ([x, y], file) = (own, path.display());
-            ensure!([x, y] == [w, h], "{file}: expected {w}×{h} px by --size, found {x}×{y}");
+    let (count, lists) = (pictures.len(), args.picked.len());
+    ensure!(count == lists, "--picked: expected a list for each of {count} pictures, found {lists}");
+    let progress = progress("dots", Some(count as u64));
+    let mut sheets = Vec::new();
+    for (camera, (shown, picked)) in pictures.iter().zip(&args.picked).enumerate() {
+        if let Some(size) = args.size {
+            shown.expect_size(size, "by --size")?;
         }
         // Picking programs write (-1, -1) for a dot that was not seen.
         let picked = point_lists::load(picked)?.into_iter().flat_map(|v| v.samples);
         let picked: Vec<_> = picked.filter(|s| s.pixel.x >= 0.0 && s.pixel.y >= 0.0).collect();
-        let [bright, dark] = [false, true].map(|dark| dots::find(&picture, dark));
-        let (n, file) = (target.len(), path.display());
+        let [bright, dark] = [false, true].map(|dark| dots::find(&shown.picture, dark));
+        let (n, [name, file]) = (target.len(), &shown.names);
         ensure!(
             !bright.is_empty() || !dark.is_empty(),
             "{file}: expected the {n} dots of the target, round and on an even ground, found none"
         );
-        let of_colour = |dots: &[dots::Dot]| match_dots(own, dots, &target, &picked);
+        let of_colour = |dots: &[dots::Dot]| match_dots(shown.size_px(), dots, &target, &picked);
         let samples = match (of_colour(&bright), of_colour(&dark)) {
             (Ok(bright), Ok(dark)) if dark.len() > bright.len() => dark,
             (Ok(found), _) | (Err(_), Ok(found)) => found,
-            (Err(problem), Err(_)) => return Err(problem).with_context(|| path.display().to_string()),
+            (Err(problem), Err(_)) => return Err(problem).with_context(|| file.clone()),
         };
-        sizes.push(own);
-        sheets.push(TargetView { name: short(path), camera, view: 0, samples });
+        sheets.push(TargetView { name: name.clone(), camera, view: 0, samples });
         progress.inc(1);
     }
     progress.finish_and_clear();
-    Ok((sheets, sizes))
+    Ok(sheets)
+}
+
+/// The rig whose cameras are replaced.
+fn template(args: &DotsArgs) -> anyhow::Result<Rig> {
+    match (&args.rig, args.pictures.iter().find(|path| is_recording(path))) {
+        (None, Some(path)) => {
+            Ok(Rig::parse(&Recorded::head(path)?.rig_json, &format!("of {}", path.display()))?)
+        }
+        (rig, _) => Ok(Rig::load_or_shipped(rig.as_deref())?),
+    }
+}
+
+/// What is known of the cameras that saw the dots.
+fn priors(
+    args: &DotsArgs,
+    template: &Rig,
+    sheets: &[TargetView],
+    pictures: &[Shown],
+) -> anyhow::Result<Vec<CameraPrior>> {
+    let before: Vec<CameraPrior> = match (args.size, &args.rig) {
+        (Some(size), _) => vec![CameraPrior::Size(size); sheets.len()],
+        (None, None) if !pictures.is_empty() => {
+            pictures.iter().map(Shown::size_px).map(CameraPrior::Size).collect()
+        }
+        (None, _) => template.cameras().into_iter().map(CameraPrior::Lens).collect(),
+    };
+    let (lists, cameras) = (sheets.len(), before.len());
+    ensure!(lists == cameras, "expected a point list of each of the rig's {cameras} cameras, found {lists}");
+    for (before, shown) in before.iter().zip(pictures) {
+        if let CameraPrior::Lens(Camera { id, size_px, .. }) = before {
+            shown.expect_size(*size_px, &format!("of camera {id}"))?;
+        }
+    }
+    Ok(before)
 }
 
 /// Runs `vitreo calibrate dots`.
@@ -106,24 +193,11 @@ pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
         !args.pictures.is_empty() || args.size.is_some() || args.rig.is_some(),
         "expected --size WIDTHxHEIGHT, to find the lenses too, or --rig RIG.json, whose lenses are kept"
     );
-    let template = Rig::load_or_shipped(args.rig.as_deref())?;
-    let (sheets, sizes) =
-        if args.pictures.is_empty() { (sheets_of_dots(args)?, Vec::new()) } else { sheets_of_target(args)? };
-    let before: Vec<CameraPrior> = match (args.size, &args.rig) {
-        (Some(size), _) => vec![CameraPrior::Size(size); sheets.len()],
-        (None, None) if !sizes.is_empty() => sizes.iter().copied().map(CameraPrior::Size).collect(),
-        (None, _) => template.cameras().into_iter().map(CameraPrior::Lens).collect(),
-    };
-    let (lists, cameras) = (sheets.len(), before.len());
-    ensure!(lists == cameras, "expected a point list of each of the rig's {cameras} cameras, found {lists}");
-    for ((before, [x, y]), path) in before.iter().zip(sizes).zip(&args.pictures) {
-        if let CameraPrior::Lens(Camera { id, size_px: [w, h], .. }) = before {
-            let fits = [x, y] == [*w, *h];
-            ensure!(fits, "{}: expected {w}×{h} px of camera {id}, found {x}×{y}", path.display());
-        }
-    }
+    let (template, pictures) = (template(args)?, shown(args)?);
+    let sheets = if pictures.is_empty() { sheets_of_dots(args)? } else { sheets_of_target(args, &pictures)? };
+    let before = priors(args, &template, &sheets, &pictures)?;
     let (all, from): (Vec<[u32; 2]>, _) = match args.size {
-        Some(size) => (vec![size; cameras], "--size"),
+        Some(size) => (vec![size; before.len()], "--size"),
         None => (before.iter().map(CameraPrior::size_px).collect(), "the rig"),
     };
     checks::inside(&sheets, &all, from)?;
@@ -139,7 +213,20 @@ pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
             report.figure(name, value * 1e3, "µm");
         }
     }
-    finish(&args.output, &report, &found, &template)
+    let compared = args.rig.as_ref().filter(|_| args.output.output.is_some());
+    let held_out = compared.map(|_| {
+        checks::beside(&template, &all, |cameras| {
+            let learnt = |half: &[TargetView]| calibrate_on_dots(&before, half, free, loss, &mut |_, _| {});
+            HeldOut::of_dots(cameras, &sheets, learnt)
+        })
+    });
+    finish(
+        &args.output,
+        report,
+        &found,
+        held_out,
+        || Ok(rig_with(&template, &found.scene.cameras)?.to_json()),
+    )
 }
 
 /// Median errors over random halves; split `n` is the same on every machine.

@@ -1,7 +1,7 @@
-//! Pictures of a board out of a recording of pixels (`vitreo cameras --record-fields FILE.mcap`).
+//! Pictures of a target out of a recording of pixels (`vitreo cameras --record-fields FILE.mcap`).
 
 use crate::grey_image::GreyImage;
-use anyhow::Result;
+use anyhow::{Context, Result};
 use fpga_model::input::Picture;
 use fpga_model::input::whole::WholePictures;
 use std::path::Path;
@@ -38,13 +38,30 @@ pub fn each(
         if !number.is_multiple_of(every.every) {
             continue;
         }
-        let luma = picture.luma.iter().map(|v| f32::from(*v)).collect();
-        let name = format!("{}, camera {camera}, picture {number}", path.display());
-        look(number, name, &GreyImage::new(picture.width, picture.height, luma))?;
+        look(number, name_of(path, camera, number), &grey(&picture))?;
         used += 1;
         if used == MOST {
             break;
         }
     }
     Ok(())
+}
+
+/// The first whole picture of a camera, and its name in messages.
+///
+/// # Errors
+/// A file that cannot be read, lacks the camera or has no whole picture of it.
+pub fn first(path: &Path, camera: u32) -> Result<(String, GreyImage)> {
+    let (mut pictures, mut picture) = (WholePictures::open(path, camera)?, Picture::default());
+    let number = pictures.read(&mut picture)?.context("a picture")?;
+    Ok((name_of(path, camera, number), grey(&picture)))
+}
+
+fn name_of(path: &Path, camera: u32, number: u64) -> String {
+    format!("{}, camera {camera}, picture {number}", path.display())
+}
+
+fn grey(picture: &Picture) -> GreyImage {
+    let luma = picture.luma.iter().map(|v| f32::from(*v)).collect();
+    GreyImage::new(picture.width, picture.height, luma)
 }

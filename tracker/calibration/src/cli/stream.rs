@@ -1,10 +1,12 @@
 //! Calibrations that look at a stream of blobs: `waved`, `pivot`, `drift`.
 
+use super::fields::StreamArgs;
 use super::{OutputArgs, positive, progress, with_spinner};
 use crate::CalibrationError;
 use crate::bundle::PriorSigmas;
 use crate::causes::{Judgement, Verdict, judge};
 use crate::drift_check::{self, DriftCheck};
+use crate::lens::LENS_NAMES;
 use crate::mend::{Mended, mend};
 use crate::observations::{FrameObservations, collect};
 use crate::pivot::{self, Pivot, Shaft};
@@ -12,29 +14,15 @@ use crate::pose_file::{self, Poses};
 use crate::report::{Report, camera_report};
 use crate::self_calibration::{SelfCalibration, fitted, fitted_with, spread};
 use crate::target_problem::{rms, robust_sigma};
-use anyhow::{Context, bail, ensure};
-use blob_stream::BlobReader;
-use fpga_model::input::whole::is_recording;
+use anyhow::{Context, ensure};
 use ipc::logging::warn;
 use nalgebra::{Point3, Vector3};
 use outputs::exit::DIFFERS;
 use protocol::blobs::BlobField;
 use protocol::poses::{BODY_NAMES, EYE};
-use recording::{Item, Recording};
 use rig::Rig;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
-
-/// The rig that saw a stream, and how much of the stream is used.
-#[derive(Debug, Clone, clap::Args)]
-pub struct StreamArgs {
-    /// Rig of the stream; a recording contains its own.
-    #[arg(long, value_name = "RIG.json")]
-    pub rig: Option<PathBuf>,
-    /// Use at most N instants, spread over the stream.
-    #[arg(long, value_name = "N", default_value_t = 400)]
-    pub instants: usize,
-}
 
 /// Systematic shift of a camera's image that is tolerated by default, px. Balls
 /// seen aside of the axis are not centred on their centre's image: that alone makes 0.025 px in a
@@ -44,7 +32,7 @@ pub const LIMIT_PX: f64 = 0.05;
 /// Arguments of `vitreo calibrate waved`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct WavedArgs {
-    /// Blob stream (.jsonl) or recording (.mcap).
+    /// Blob stream (.jsonl), recording or recording of pixels (.mcap).
     #[arg(value_name = "STREAM")]
     pub stream: PathBuf,
     #[command(flatten)]
@@ -68,7 +56,7 @@ pub struct WavedArgs {
 /// Arguments of `vitreo calibrate pivot`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PivotArgs {
-    /// Blob stream (.jsonl) or recording (.mcap).
+    /// Blob stream (.jsonl), recording or recording of pixels (.mcap).
     #[arg(value_name = "STREAM", required_unless_present = "poses")]
     pub stream: Option<PathBuf>,
     #[command(flatten)]
@@ -86,7 +74,7 @@ pub struct PivotArgs {
 /// Arguments of `vitreo calibrate drift`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct DriftArgs {
-    /// Blob stream (.jsonl) or recording (.mcap).
+    /// Blob stream (.jsonl), recording or recording of pixels (.mcap).
     #[arg(value_name = "STREAM")]
     pub stream: PathBuf,
     #[command(flatten)]
@@ -96,58 +84,6 @@ pub struct DriftArgs {
     pub limit_px: f64,
     #[command(flatten)]
     pub output: OutputArgs,
-}
-
-impl StreamArgs {
-    /// The rig and the fields of a stream.
-    fn fields(&self, path: &Path) -> anyhow::Result<(Rig, Vec<BlobField>)> {
-        ensure!(self.instants >= 10, "--instants: expected 10 or more, found {}", self.instants);
-        let (own, fields) = fields_in(path)?;
-        let rig = match (&self.rig, own) {
-            (Some(path), _) => Rig::load(path)?,
-            (None, Some(text)) => Rig::parse(&text, "of the recording")?,
-            (None, None) => anyhow::bail!("--rig RIG.json is needed with a blob stream"),
-        };
-        Ok((rig, fields))
-    }
-}
-
-/// The fields of a recording, with its rig, or of a blob stream.
-///
-/// # Errors
-/// A file that cannot be read.
-pub fn fields_in(path: &Path) -> anyhow::Result<(Option<String>, Vec<BlobField>)> {
-    if path.extension().is_some_and(|e| e == "mcap") {
-        return of_recording(path);
-    }
-    Ok((None, BlobReader::open(path)?.collect::<Result<_, _>>()?))
-}
-
-/// The rig and the fields of a recording.
-fn of_recording(path: &Path) -> anyhow::Result<(Option<String>, Vec<BlobField>)> {
-    if is_recording(path) {
-        let name = path.display();
-        bail!(
-            "{name}: is a recording of fields without blobs: vitreo blobs {name} -o blobs.jsonl finds them; give that file and --rig"
-        );
-    }
-    let recording = Recording::open(path)?;
-    let progress = progress("reading", Some(recording.bytes()));
-    let (mut fields, mut items) = (Vec::new(), recording.items());
-    while let Some(item) = items.next() {
-        progress.set_position(items.bytes_read());
-        match item {
-            Ok((_, Item::Blobs(field))) => fields.push(*field),
-            Ok(_) => {}
-            // What came before the damage serves as well.
-            Err(error) => {
-                warn(&format!("{}: read up to here: {error}", path.display()));
-                break;
-            }
-        }
-    }
-    progress.finish_and_clear();
-    Ok((Some(recording.provenance().rig_json.clone()), fields))
 }
 
 /// Runs `vitreo calibrate waved`.
@@ -242,6 +178,16 @@ pub fn waved_report(rig: &Rig, found: &SelfCalibration, drifted: bool) -> Report
     );
     if !found.weakly_observed.is_empty() {
         report.notes.push(format!("the stream hardly determines: {}", found.weakly_observed.join(", ")));
+    }
+    for (c, camera) in rig.cameras.iter().enumerate() {
+        let own = found.held.iter().filter(|(of, _)| *of == c);
+        let terms: Vec<&str> = own.map(|&(_, term)| LENS_NAMES[term]).collect();
+        if !terms.is_empty() {
+            let (id, terms) = (camera.id, terms.join(", "));
+            report
+                .notes
+                .push(format!("camera {id}: the stream does not determine {terms}: kept as in the rig"));
+        }
     }
     if !drifted {
         report.notes.push("the residuals show no drift: the rig as it was is as good".into());

@@ -6,6 +6,7 @@ use super::{OutputArgs, SolveArgs, pair, positive, progress, short, with_spinner
 use crate::board::{Board, Pattern, Target};
 use crate::charuco::CharucoBoard;
 use crate::grey_image::GreyImage;
+use crate::halves::HeldOut;
 use crate::linear::plane_of;
 use crate::multi_camera::{LensMode, calibrate_cameras};
 use crate::point_lists;
@@ -15,6 +16,7 @@ use crate::target_problem::{Calibrated, FreeParameters, TargetView, calibrate_le
 use anyhow::{Context, bail, ensure};
 use fpga_model::input::whole::is_recording;
 use ipc::logging::warn;
+use outputs::exit::DIFFERS;
 use rig::Rig;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -46,6 +48,11 @@ pub struct BoardArgs {
 }
 
 impl BoardArgs {
+    /// True where a board is named.
+    pub fn is_given(&self) -> bool {
+        self.board.is_some() || self.charuco.is_some()
+    }
+
     /// The board.
     ///
     /// # Errors
@@ -288,9 +295,13 @@ pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
     let mut notes = notes;
     notes.extend(checks::remarks(&found, &sheets));
     notes.extend(checks::held_well(&found)?);
-    if let (Some(before), Some(_)) = (&before, &args.output.output) {
-        checks::better_than(before, &sheets, free, args.solve.loss)?;
-    }
+    let held_out = before.as_ref().filter(|_| args.output.output.is_some()).map(|before| {
+        let lens = |half: &[TargetView]| {
+            calibrate_lens(args.camera, sizes_px[0], half, free, args.solve.loss, &mut |_, _| {})
+        };
+        HeldOut::of_views(std::slice::from_ref(before), &sheets, lens)
+            .ok_or_else(|| "not compared with the rig's lens: the views are too few for halves".to_owned())
+    });
     let camera = &found.scene.cameras[0];
     let json = match &rig {
         None => serde_json::to_string_pretty(&rig_camera(camera))?,
@@ -299,9 +310,7 @@ pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
             .to_json(),
     };
     let report = report_of("intrinsics", &found, &sheets, notes);
-    args.output.print(&report, &found.scene.cameras, &found.residuals)?;
-    args.output.write(&json)?;
-    Ok(ExitCode::SUCCESS)
+    finish(&args.output, report, &found, held_out, || Ok(json))
 }
 
 /// Boards of two cameras' pictures.
@@ -367,19 +376,42 @@ pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
         let name = format!("baseline from camera 0 to camera {} (squares without --pitch)", camera.id);
         report.figure(name, camera.centre_in_world().coords.norm(), "mm");
     }
-    finish(&args.output, &report, &found, &template)
+    let compared = args.rig.as_ref().filter(|_| args.output.output.is_some());
+    let held_out = compared.map(|_| {
+        checks::beside(&template, &sizes_px, |before| {
+            let learnt =
+                |half: &[TargetView]| calibrate_cameras(&sizes_px, half, free, &lenses, loss, &mut |_, _| {});
+            HeldOut::of_views(before, &sheets, learnt)
+        })
+    });
+    finish(
+        &args.output,
+        report,
+        &found,
+        held_out,
+        || Ok(rig_with(&template, &found.scene.cameras)?.to_json()),
+    )
 }
 
-/// Prints the report and writes `template` with the calibrated cameras.
+/// Prints the report and writes the result, unless the rig as it was predicts held-out points better.
 pub(super) fn finish(
     out: &OutputArgs,
-    report: &Report,
+    mut report: Report,
     found: &Calibrated,
-    template: &Rig,
+    held_out: Option<Result<HeldOut, String>>,
+    json: impl FnOnce() -> anyhow::Result<String>,
 ) -> anyhow::Result<ExitCode> {
-    out.print(report, &found.scene.cameras, &found.residuals)?;
+    let worse = checks::judged(held_out, &mut report);
+    if let Some(why) = &worse {
+        report.notes.push(format!("nothing was written: {why}"));
+    }
+    out.print(&report, &found.scene.cameras, &found.residuals)?;
+    if let Some(why) = worse {
+        warn(&format!("nothing was written: {why}"));
+        return Ok(ExitCode::from(DIFFERS));
+    }
     if out.output.is_some() {
-        out.write(&rig_with(template, &found.scene.cameras)?.to_json())?;
+        out.write(&json()?)?;
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -35,8 +35,9 @@ pub struct SelfCalibrationProblem<'a> {
     pub(super) before: Bundle,
     pub(super) values: Vec<Value>,
     pub(super) sigmas: Vec<f64>,
-    /// First unknown of each camera's lens and place, and of each marker.
-    lens_at: Vec<Option<usize>>,
+    /// Unknown of each value of each camera's lens.
+    lens_at: Vec<[Option<usize>; LENS]>,
+    /// First unknown of each camera's place, and of each marker.
     pub(super) place_at: Vec<Option<usize>>,
     marker_at: Vec<Vec<Option<usize>>>,
     late_at: Vec<Option<usize>>,
@@ -65,7 +66,7 @@ impl<'a> SelfCalibrationProblem<'a> {
             eye_moves,
             values: Vec::new(),
             sigmas: Vec::new(),
-            lens_at: vec![None; before.cameras.len()],
+            lens_at: vec![[None; LENS]; before.cameras.len()],
             place_at: vec![None; before.cameras.len()],
             marker_at: before.markers.iter().map(|m| vec![None; m.len()]).collect(),
             late_at: vec![None; before.cameras.len()],
@@ -81,10 +82,12 @@ impl<'a> SelfCalibrationProblem<'a> {
                 continue;
             }
             if known.lens_px > 0.0 {
-                out.lens_at[c] = Some(out.values.len());
                 let sigmas = lens_sigmas(&out.before.cameras[c], known.lens_px);
                 for (i, sigma) in sigmas.into_iter().enumerate() {
-                    out.push(Value::Lens(c, i), sigma);
+                    if !free.held.contains(&(c, i)) {
+                        out.lens_at[c][i] = Some(out.values.len());
+                        out.push(Value::Lens(c, i), sigma);
+                    }
                 }
             }
             let own = free.of(Part::Camera(c));
@@ -141,11 +144,11 @@ impl<'a> SelfCalibrationProblem<'a> {
     pub(super) fn moved_rig(&self, state: &Bundle, shared: &DVector<f64>) -> Bundle {
         let mut next = state.clone();
         for (c, camera) in next.cameras.iter_mut().enumerate() {
-            if let Some(at) = self.lens_at[c] {
-                let mut lens = lens_of(camera);
-                lens.iter_mut().enumerate().for_each(|(i, v)| *v += shared[at + i]);
-                set_lens(camera, &lens);
+            let mut lens = lens_of(camera);
+            for (value, at) in lens.iter_mut().zip(self.lens_at[c]) {
+                *value += at.map_or(0.0, |at| shared[at]);
             }
+            set_lens(camera, &lens);
             if let Some(at) = self.place_at[c] {
                 move_extrinsics(camera, &SMatrix::<f64, EXTRINSICS, 1>::from_fn(|i, _| shared[at + i]));
             }
@@ -222,7 +225,9 @@ impl<'a> SelfCalibrationProblem<'a> {
         let by_marker = by_world * pose.rotation.to_rotation_matrix().matrix();
         let by_late = -(by_world * (speed + turning.cross(&arm)));
         let shared = |first: Option<usize>| first.map(Unknown::Shared);
-        add_columns(columns, shared(self.lens_at[seen.camera]), &whiten, &image.by_lens);
+        for (at, slope) in self.lens_at[seen.camera].iter().zip(image.by_lens.column_iter()) {
+            add_columns::<1>(columns, shared(*at), &whiten, &slope.into_owned());
+        }
         add_columns(columns, shared(self.place_at[seen.camera]), &whiten, &by_place);
         add_columns(columns, shared(self.marker_at[seen.body][seen.marker]), &whiten, &by_marker);
         add_columns(columns, shared(self.late_at[seen.camera]), &whiten, &by_late);
