@@ -16,6 +16,10 @@ pub const VARIANCE_RANGE_PX2: (f64, f64) = (1e-6, 1e4);
 pub const AREA_TOLERANCE: f64 = 0.04;
 /// Shift of the centre of a partly hidden marker, in radii per unit of that logarithm.
 pub const AREA_SHIFT: f64 = 0.8;
+/// Length of a shaft from its tip that may hide markers, mm: as much of it as lies in the eye.
+pub const SHAFT_IN_EYE_MM: f64 = 22.0;
+/// Largest standard deviation of the shift of a marker that something is predicted to hide in part, radii.
+pub const COVERED_SHIFT: f64 = 0.6;
 /// Range of the ratio of areas of a blob and its marker.
 pub const AREA_RATIO: (f64, f64) = (0.15, 1.7);
 /// The same range before the camera's scale of areas is estimated.

@@ -230,7 +230,7 @@ mod tests {
         #[test]
         fn voluntary_noise_keeps_the_stationary_acceleration(dt in 0.0005..0.004f64) {
             let (f, q) = (MOVEMENT.transition(dt), MOVEMENT.noise(dt));
-            let mut p = matrix([[0.0; 5]; 5]);
+            let mut p = States::zeros();
             for n in 0..LAGS {
                 p[(2 + n, 2 + n)] = 1.0;
             }
