@@ -2,6 +2,7 @@
 //! and Mahalanobis distance, nearest first, each blob and each marker once in a camera-field.
 
 use crate::constants as k;
+use crate::covers::Covers;
 use crate::fit::{BlobMatch, MAX_MATCHES};
 use crate::lines::{BodyInField, MotionGivenPose};
 use crate::observation::{FieldObservation, camera_of, marker_covariance};
@@ -9,7 +10,7 @@ use crate::pose_math::Matrix6;
 use crate::projection::pose_jacobian;
 use crate::rig_model::RigModel;
 use crate::tuning::Tuning;
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Matrix2, Vector3};
 use protocol::limits::{BODIES, MAX_CAMERAS};
 use protocol::poses::EYE;
 
@@ -123,6 +124,7 @@ impl Default for Association {
 pub struct Associator {
     candidates: Vec<Candidate>,
     near: Vec<NearMiss>,
+    covers: Covers,
     spare: Vec<Association>,
 }
 
@@ -131,6 +133,7 @@ impl Default for Associator {
         Associator {
             candidates: Vec::with_capacity(MAX_CANDIDATES),
             near: Vec::with_capacity(MAX_CANDIDATES),
+            covers: Covers::default(),
             spare: (0..ASSOCIATIONS).map(|_| Association::default()).collect(),
         }
     }
@@ -139,7 +142,7 @@ impl Default for Associator {
 /// A copy of a tracker gets work space of its own, which grows when it is first used.
 impl Clone for Associator {
     fn clone(&self) -> Self {
-        Associator { candidates: Vec::new(), near: Vec::new(), spare: Vec::new() }
+        Associator { candidates: Vec::new(), near: Vec::new(), covers: Covers::default(), spare: Vec::new() }
     }
 }
 
@@ -152,9 +155,11 @@ impl Associator {
     ) -> Association {
         self.candidates.clear();
         self.near.clear();
-        for (body, predicted) in predicted.iter().enumerate() {
-            let Some(predicted) = predicted else { continue };
-            for field in input.fields() {
+        for field in input.fields() {
+            let Some(camera) = camera_of(input.rig, field) else { continue };
+            self.covers.renew(input.rig, camera, predicted, input.dt_s(field));
+            for (body, predicted) in predicted.iter().enumerate() {
+                let Some(predicted) = predicted else { continue };
                 self.gate(input, body, field, predicted);
             }
         }
@@ -213,6 +218,7 @@ impl Associator {
         let placed = BodyInField::new(input.rig, camera, &predicted.pose, &predicted.motion, dt_s);
         for (marker, m) in input.rig.bodies[body].markers.iter().enumerate() {
             let Some((image, pose)) = placed.image(m, model) else { continue };
+            let shift_px = self.covers.shift_px(body, m.colour, &image, model);
             let jacobian = pose_jacobian(&image, &pose);
             let at_s = placed.dt_s(image.pixel.y);
             let by_pose = predicted.given.map_or(jacobian, |given| given.jacobian(&jacobian, at_s));
@@ -227,6 +233,7 @@ impl Associator {
                 let Some(covariance) = marker_covariance(seen, &image, area_scale, k::AREA_RATIO) else {
                     continue;
                 };
+                let covariance = covariance + Matrix2::identity() * (shift_px * shift_px);
                 let Some(inverse) = (spread + covariance * predicted.variance_scale).try_inverse() else {
                     continue;
                 };

@@ -16,6 +16,10 @@ pub const VARIANCE_RANGE_PX2: (f64, f64) = (1e-6, 1e4);
 pub const AREA_TOLERANCE: f64 = 0.04;
 /// Shift of the centre of a partly hidden marker, in radii per unit of that logarithm.
 pub const AREA_SHIFT: f64 = 0.8;
+/// Length of a shaft from its tip that may hide markers, mm: as much of it as lies in the eye.
+pub const SHAFT_IN_EYE_MM: f64 = 22.0;
+/// Largest standard deviation of the shift of a marker that something is predicted to hide in part, radii.
+pub const COVERED_SHIFT: f64 = 0.6;
 /// Range of the ratio of areas of a blob and its marker.
 pub const AREA_RATIO: (f64, f64) = (0.15, 1.7);
 /// The same range before the camera's scale of areas is estimated.
@@ -31,6 +35,8 @@ pub const VOLUNTARY_TAU_S: f64 = 0.4;
 pub const VOLUNTARY_RANGE_MM2_S4: (f64, f64) = (25.0, 1e5);
 /// Time constant of its adaptation, s.
 pub const VOLUNTARY_LEARNING_S: f64 = 0.4;
+/// Share of a raise of that variance at a manoeuvre that acceleration and lags get at once.
+pub const MANOEUVRE_SHARE: f64 = 0.1;
 /// NIS (normalised innovation squared, 6 degrees of freedom) that indicates a manoeuvre.
 pub const NIS_LIMIT: f64 = 30.0;
 /// Least number of near misses, and more than matches, that indicates a manoeuvre.
@@ -45,12 +51,12 @@ pub const NIS_RATIO_GAIN: f64 = 0.15;
 /// Bands of the tremor: physiological tremor lies between 6 and 14 Hz, most of it between 8 and 12. More pole pairs
 /// predict better and cost time.
 pub const TREMOR_BANDS: [Band; 3] = [
-    Band { low_hz: 6.0, high_hz: 8.0, pairs: 3 },
-    Band { low_hz: 8.0, high_hz: 12.0, pairs: 4 },
-    Band { low_hz: 12.0, high_hz: 14.0, pairs: 3 },
+    Band { low_hz: 6.0, high_hz: 8.0, pairs: 3, start_mm: 0.015 },
+    Band { low_hz: 8.0, high_hz: 12.0, pairs: 5, start_mm: 0.023 },
+    Band { low_hz: 12.0, high_hz: 14.0, pairs: 3, start_mm: 0.015 },
 ];
 /// Ripple of a band, dB: less has gentler slopes.
-pub const TREMOR_RIPPLE_DB: f64 = 1.0;
+pub const TREMOR_RIPPLE_DB: f64 = 2.0;
 /// The same for the roll, whose tremor is nearer to its noise: fewer and wider.
 pub const ROLL_TREMOR_HZ: [f64; 3] = [8.0, 10.0, 12.0];
 /// Their damping ratio.
@@ -59,10 +65,10 @@ pub const ROLL_TREMOR_DAMPING: f64 = 0.05;
 pub const ROLL_TREMOR_START_RAD: f64 = 0.003;
 /// Bounds of its adaptive variance, rad².
 pub const ROLL_TREMOR_RANGE_RAD2: (f64, f64) = (1e-8, 0.01);
-/// Initial standard deviation of the tremor's displacement per axis and band, mm.
-pub const TREMOR_START_MM: f64 = 0.023;
 /// Bounds of its adaptive variance, mm².
 pub const TREMOR_RANGE_MM2: (f64, f64) = (1e-7, 0.04);
+/// Least share of a band that the blobs are taken to determine.
+pub const LEAST_KNOWN: f64 = 0.1;
 /// Time constant of its adaptation, s.
 pub const TREMOR_LEARNING_S: f64 = 0.3;
 /// Natural frequency of the play of a shaft in its trocar, rad/s.

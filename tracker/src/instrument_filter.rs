@@ -30,7 +30,7 @@ use transition::{PLAY_MODEL, StateTransition, roll_model, roll_tremor_model, vol
 
 /// Number of vector states: voluntary movement, tremor, play.
 const VECTORS: usize = PLAY + 2;
-const TREMOR: usize = 5;
+const TREMOR: usize = crate::motion_models::VOLUNTARY;
 const PLAY: usize = TREMOR + 2 * PAIRS;
 /// First row of the roll in the covariance.
 const ROLL: usize = 3 * VECTORS;

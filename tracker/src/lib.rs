@@ -30,6 +30,7 @@ pub mod camera_watch;
 pub mod checkpoint;
 pub mod config;
 pub mod constants;
+mod covers;
 pub mod drift;
 pub mod eye_filter;
 pub mod fit;

@@ -1,8 +1,8 @@
 //! Linear motion models of one coordinate, each with its transition over a time and the process
 //! noise accumulated in it.
 //!
-//! - [`VoluntaryMotion`]: position, velocity, and an acceleration that is white noise through three
-//!   lags in a row. Its spectrum falls as that of a voluntary movement does (as f⁻⁶ above 1/2πτ;
+//! - [`VoluntaryMotion`]: position, velocity, and an acceleration that is white noise through four
+//!   lags in a row. Its spectrum falls as that of a voluntary movement does (as f⁻⁸ above 1/2πτ;
 //!   Singer's falls as f⁻²). The tremor's is in [`crate::tremor_bank`].
 //! - [`Oscillator`]: a stationary, damped oscillator driven by white noise: a line of the spectrum of
 //!   the roll's tremor; with more damping, the play of a shaft in its trocar.
@@ -52,8 +52,13 @@ impl Singer {
     }
 }
 
-/// A voluntary movement: x' = v, v' = a, and a is white noise through three first-order lags in a row:
-/// a' = (b − a)/τ, b' = (c − b)/τ, c' = −c/τ + noise.
+/// Lags of the voluntary acceleration.
+pub const LAGS: usize = 4;
+/// States of a voluntary movement: displacement, velocity, acceleration and what drives each lag.
+pub const VOLUNTARY: usize = 2 + LAGS;
+
+/// A voluntary movement: x' = v, v' = a, and a is white noise through first-order lags in a row: a' = (b − a)/τ, b' = (c −
+/// b)/τ, and so on; the last is −e/τ + noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VoluntaryMotion {
     /// Standard deviation of the acceleration, mm/s².
@@ -63,47 +68,58 @@ pub struct VoluntaryMotion {
 }
 
 impl VoluntaryMotion {
-    /// Variances of b and c over that of a: where the noise is stationary, ∫ dω/(1 + ω²τ²)ⁿ for n = 3, 2, 1 gives
-    /// 3 : 4 : 8.
-    pub const LAG_VARIANCES: [f64; 2] = [4.0 / 3.0, 8.0 / 3.0];
+    /// Variance of what leaves each lag over that of the acceleration, the first's, where the noise is stationary:
+    /// ∫ dω/(1 + ω²τ²)ⁿ, which falls from n to n + 1 by (2n − 1)/2n.
+    pub const LAG_VARIANCES: [f64; LAGS] = {
+        let mut ratios = [1.0; LAGS];
+        let mut lag = 1;
+        while lag < LAGS {
+            let n = (LAGS - lag) as f64;
+            ratios[lag] = ratios[lag - 1] * 2.0 * n / (2.0 * n - 1.0);
+            lag += 1;
+        }
+        ratios
+    };
 
-    /// Transition over `dt` seconds (either way) of (x, v, a, b, c); zero below the diagonal.
-    pub fn transition(&self, dt: f64) -> [[f64; 5]; 5] {
+    /// Transition over `dt` seconds (either way) of the states; zero below the diagonal.
+    pub fn transition(&self, dt: f64) -> [[f64; VOLUNTARY]; VOLUNTARY] {
         let (tau, s) = (self.tau_s, dt / self.tau_s);
-        let e = libm::exp(-s);
-        let lag = [e, e * s, e * 0.5 * s * s];
+        let mut lag = [libm::exp(-s); LAGS];
+        for n in 1..LAGS {
+            lag[n] = lag[n - 1] * s / n as f64;
+        }
+        let mut f = [[0.0; VOLUNTARY]; VOLUNTARY];
+        (f[0][0], f[0][1], f[1][1]) = (1.0, dt, 1.0);
         // ∫ of the lags, and of that again.
         let (mut left, mut left_again) = (1.0, s);
-        let mut once = [0.0; 3];
-        let mut twice = [0.0; 3];
-        for n in 0..3 {
+        for n in 0..LAGS {
             left -= lag[n];
             left_again -= left;
-            (once[n], twice[n]) = (tau * left, tau * tau * left_again);
+            (f[1][2 + n], f[0][2 + n]) = (tau * left, tau * tau * left_again);
+            for row in 0..LAGS - n {
+                f[2 + row][2 + row + n] = lag[n];
+            }
         }
-        [
-            [1.0, dt, twice[0], twice[1], twice[2]],
-            [0.0, 1.0, once[0], once[1], once[2]],
-            [0.0, 0.0, lag[0], lag[1], lag[2]],
-            [0.0, 0.0, 0.0, lag[0], lag[1]],
-            [0.0, 0.0, 0.0, 0.0, lag[0]],
-        ]
+        f
     }
 
-    /// Covariance of the process noise over `dt`, to the leading order in dt/τ: white noise of density 16σ²/3τ on c,
-    /// integrated. `dt` must be well below τ.
-    pub fn noise(&self, dt: f64) -> [[f64; 5]; 5] {
-        let tau = self.tau_s;
-        let q = 16.0 / 3.0 * self.sigma * self.sigma / tau;
-        // ∫ φᵢ·φⱼ with φ = (s⁴/24τ², s³/6τ², s²/2τ², s/τ, 1).
-        let factor = [24.0 * tau * tau, 6.0 * tau * tau, 2.0 * tau * tau, tau, 1.0];
-        let mut powers = [dt; 9];
-        for n in 1..9 {
+    /// Covariance of the process noise over `dt`, to the leading order in dt/τ: white noise of density 2σ²/τ times the last of
+    /// [`VoluntaryMotion::LAG_VARIANCES`] on the last lag, integrated. `dt` must be well below τ.
+    pub fn noise(&self, dt: f64) -> [[f64; VOLUNTARY]; VOLUNTARY] {
+        let q = 2.0 * Self::LAG_VARIANCES[LAGS - 1] * self.sigma * self.sigma / self.tau_s;
+        // ∫ φᵢ·φⱼ with φ = (…, s³/6τ³, s²/2τ², s/τ, 1), of velocity and displacement without their 1/τ.
+        let mut factor = [1.0; VOLUNTARY];
+        for n in (0..VOLUNTARY - 1).rev() {
+            let order = (VOLUNTARY - 1 - n) as f64;
+            factor[n] = factor[n + 1] * order * if n < 2 { 1.0 } else { self.tau_s };
+        }
+        let mut powers = [dt; 2 * VOLUNTARY - 1];
+        for n in 1..powers.len() {
             powers[n] = powers[n - 1] * dt;
         }
         std::array::from_fn(|r| {
             std::array::from_fn(|c| {
-                let n = 8 - r - c;
+                let n = 2 * (VOLUNTARY - 1) - r - c;
                 q * powers[n] / ((n + 1) as f64 * factor[r] * factor[c])
             })
         })
@@ -142,19 +158,21 @@ impl Oscillator {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Matrix2, Matrix5};
+    use nalgebra::{Matrix2, SMatrix};
     use proptest::prelude::*;
 
     const SINGER: Singer = Singer { sigma: 200.0, tau_s: 0.05 };
-    const VOLUNTARY: VoluntaryMotion = VoluntaryMotion { sigma: 15.0, tau_s: 0.4 };
+    type States = SMatrix<f64, VOLUNTARY, VOLUNTARY>;
 
-    fn matrix(m: [[f64; 5]; 5]) -> Matrix5<f64> {
-        Matrix5::from_fn(|r, c| m[r][c])
+    const MOVEMENT: VoluntaryMotion = VoluntaryMotion { sigma: 15.0, tau_s: 0.4 };
+
+    fn matrix(m: [[f64; VOLUNTARY]; VOLUNTARY]) -> States {
+        States::from_fn(|r, c| m[r][c])
     }
 
     /// The transition by its series, from the differential equation alone.
-    fn exponential(f: &Matrix5<f64>) -> Matrix5<f64> {
-        let (mut sum, mut term) = (Matrix5::identity(), Matrix5::identity());
+    fn exponential(f: &States) -> States {
+        let (mut sum, mut term) = (States::identity(), States::identity());
         for n in 1..40 {
             term = term * f / f64::from(n);
             sum += term;
@@ -173,11 +191,15 @@ mod tests {
     proptest! {
         #[test]
         fn voluntary_transition_solves_its_equation(dt in -0.1..0.2f64) {
-            let (t, mut f) = (VOLUNTARY.tau_s, Matrix5::zeros());
+            let (t, mut f) = (MOVEMENT.tau_s, States::zeros());
             (f[(0, 1)], f[(1, 2)]) = (1.0, 1.0);
-            (f[(2, 3)], f[(3, 4)]) = (1.0 / t, 1.0 / t);
-            (f[(2, 2)], f[(3, 3)], f[(4, 4)]) = (-1.0 / t, -1.0 / t, -1.0 / t);
-            prop_assert!((matrix(VOLUNTARY.transition(dt)) - exponential(&(f * dt))).norm() < 1e-9);
+            for lag in 2..VOLUNTARY {
+                f[(lag, lag)] = -1.0 / t;
+                if lag + 1 < VOLUNTARY {
+                    f[(lag, lag + 1)] = 1.0 / t;
+                }
+            }
+            prop_assert!((matrix(MOVEMENT.transition(dt)) - exponential(&(f * dt))).norm() < 1e-9);
         }
 
         #[test]
@@ -198,8 +220,8 @@ mod tests {
             let (once, both) = (m(o.noise(&f, 0.01)), m(o.noise(&twice, 0.01)));
             let sum = m(f) * once * m(f).transpose() + once;
             prop_assert!((sum - both).norm() < 1e-9 * (1.0 + both.norm()));
-            let (half, whole) = (matrix(VOLUNTARY.noise(dt)), matrix(VOLUNTARY.noise(2.0 * dt)));
-            let step = matrix(VOLUNTARY.transition(dt));
+            let (half, whole) = (matrix(MOVEMENT.noise(dt)), matrix(MOVEMENT.noise(2.0 * dt)));
+            let step = matrix(MOVEMENT.transition(dt));
             let sum = step * half * step.transpose() + half;
             prop_assert!((sum - whole).norm() < 0.2 * whole.norm(), "leading order only");
         }
@@ -207,20 +229,19 @@ mod tests {
         /// A stationary acceleration keeps the variances that its noise gives it: Σ = F·Σ·Fᵀ + Q.
         #[test]
         fn voluntary_noise_keeps_the_stationary_acceleration(dt in 0.0005..0.004f64) {
-            let (f, q) = (VOLUNTARY.transition(dt), VOLUNTARY.noise(dt));
-            let mut p = matrix([[0.0; 5]; 5]);
-            for n in 0..3 {
+            let (f, q) = (MOVEMENT.transition(dt), MOVEMENT.noise(dt));
+            let mut p = States::zeros();
+            for n in 0..LAGS {
                 p[(2 + n, 2 + n)] = 1.0;
             }
             let (f, q) = (matrix(f), matrix(q));
             for _ in 0..6000 {
                 p = f * p * f.transpose() + q;
-                p.fixed_view_mut::<2, 5>(0, 0).fill(0.0);
-                p.fixed_view_mut::<5, 2>(0, 0).fill(0.0);
+                p.fixed_view_mut::<2, VOLUNTARY>(0, 0).fill(0.0);
+                p.fixed_view_mut::<VOLUNTARY, 2>(0, 0).fill(0.0);
             }
-            let variance = VOLUNTARY.sigma * VOLUNTARY.sigma;
-            let expected = [1.0, VoluntaryMotion::LAG_VARIANCES[0], VoluntaryMotion::LAG_VARIANCES[1]];
-            for (n, expected) in expected.into_iter().enumerate() {
+            let variance = MOVEMENT.sigma * MOVEMENT.sigma;
+            for (n, expected) in VoluntaryMotion::LAG_VARIANCES.into_iter().enumerate() {
                 let ratio = p[(2 + n, 2 + n)] / (variance * expected);
                 prop_assert!((ratio - 1.0).abs() < 0.03, "state {}: {}", n, ratio);
             }

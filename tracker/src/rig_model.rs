@@ -55,6 +55,8 @@ pub struct BodyModel {
     pub is_eye: bool,
     /// Farthest marker from the body's origin, mm.
     pub reach: f64,
+    /// Radius of an instrument's shaft, mm; 0 of the eye.
+    pub shaft_radius: f64,
     /// Motion models of position and rotation.
     pub motion: [Singer; 2],
     /// Initial standard deviations of the motion.
@@ -180,6 +182,7 @@ impl BodyModel {
             triples: triples(&markers),
             reach: markers.iter().map(|m| m.position.coords.norm()).fold(0.0, f64::max),
             markers,
+            shaft_radius: body.shaft_r.filter(|_| !is_eye).unwrap_or(0.0),
             trocar: None,
             is_eye,
             motion: [Singer { sigma: 0.0, tau_s: turn.tau_s }, turn],

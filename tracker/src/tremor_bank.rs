@@ -36,6 +36,8 @@ pub struct Band {
     pub high_hz: f64,
     /// Number of pole pairs.
     pub pairs: usize,
+    /// Initial standard deviation of its displacement, an axis, mm.
+    pub start_mm: f64,
 }
 
 /// A 2×2 block: rows and columns are real and imaginary part.

@@ -3,6 +3,7 @@
 use super::transition::roll_tremor_model;
 use super::{Hand, InstrumentFilter, ROLL_TREMOR, TREMOR};
 use crate::constants as k;
+use crate::motion_models::VoluntaryMotion;
 use crate::tremor_bank;
 use nalgebra::Vector3;
 use std::ops::Range;
@@ -10,6 +11,10 @@ use std::ops::Range;
 impl InstrumentFilter {
     /// Adapts the variances of the tremor and of the voluntary acceleration: running means over the
     /// axes of the expected squares of their states, E[x²] = x̂² + P.
+    ///
+    /// A band in which there is no tremor would lose its variance v only as 1/t: most of E[x²] is then P. So the steps of the
+    /// bands are longer by 1/(1 − P/v), the share of the band that the blobs determine (MacKay 1992, Bayesian Interpolation), and their
+    /// means are multiplied by n/(n + 2), n the degrees of freedom: the most probable v under Jeffreys' prior 1/v.
     pub(super) fn adapt_variances(&mut self, dt: f64) {
         let p = &self.covariance;
         let square = |vector: usize| {
@@ -19,10 +24,17 @@ impl InstrumentFilter {
         };
         let share = (dt / self.tuning.tremor_learning_s).min(0.2);
         let Hand { mut tremor_variance, mut roll_tremor_variance } = self.hand;
-        for (variance, range) in tremor_variance.iter_mut().zip(tremor_bank::ranges()) {
+        for ((variance, range), band) in
+            tremor_variance.iter_mut().zip(tremor_bank::ranges()).zip(&k::TREMOR_BANDS)
+        {
             // Displacement and quadrature: the sums of real and of imaginary parts.
-            let now = 0.5 * (self.band_square(&range, 0) + self.band_square(&range, 1));
-            *variance += share * (now - *variance);
+            let parts = [0, 1].map(|part| self.band_moments(&range, part));
+            let [square, unknown] = [0, 1].map(|n| 0.5 * (parts[0][n] + parts[1][n]));
+            // Three axes, and 2·B·T of each; a running mean is as good as one over twice its time constant.
+            let freedom = 3.0 * 2.0 * (band.high_hz - band.low_hz) * 2.0 * self.tuning.tremor_learning_s;
+            let now = (square + unknown) * freedom / (freedom + 2.0);
+            let known = (1.0 - unknown / *variance).clamp(k::LEAST_KNOWN, 1.0);
+            *variance += (share / known).min(0.2) * (now - *variance);
             *variance = variance.clamp(k::TREMOR_RANGE_MM2.0, k::TREMOR_RANGE_MM2.1);
         }
         for (i, variance) in roll_tremor_variance.iter_mut().enumerate() {
@@ -39,17 +51,17 @@ impl InstrumentFilter {
         self.voluntary_variance = voluntary.clamp(k::VOLUNTARY_RANGE_MM2_S4.0, k::VOLUNTARY_RANGE_MM2_S4.1);
     }
 
-    /// Expected square of the sum of the parts (0 real, 1 imaginary) of the pole pairs of a band: mean of the axes.
-    fn band_square(&self, pairs: &Range<usize>, part: usize) -> f64 {
+    /// Square and variance of the sum of the parts (0 real, 1 imaginary) of the pole pairs of a band: mean of the axes.
+    fn band_moments(&self, pairs: &Range<usize>, part: usize) -> [f64; 2] {
         let vectors = || pairs.clone().map(|pair| TREMOR + 2 * pair + part);
         let sum: Vector3<f64> = vectors().map(|v| self.vectors[v]).sum();
-        let mut square = sum.norm_squared();
+        let mut variance = 0.0;
         for r in vectors() {
             for c in vectors() {
-                square += (0..3).map(|axis| self.covariance[3 * r + axis][3 * c + axis]).sum::<f64>();
+                variance += (0..3).map(|axis| self.covariance[3 * r + axis][3 * c + axis]).sum::<f64>();
             }
         }
-        square / 3.0
+        [sum.norm_squared() / 3.0, variance / 3.0]
     }
 
     /// Raises the variance of the voluntary acceleration where the NIS is too large, once by much
@@ -59,7 +71,21 @@ impl InstrumentFilter {
         let ratio = (nis / k::NIS_LIMIT).max(self.nis_ratio / k::NIS_RATIO_LIMIT);
         if ratio > 1.0 {
             let factor = (ratio * ratio).min(10.0);
-            self.voluntary_variance = (self.voluntary_variance * factor).min(k::VOLUNTARY_RANGE_MM2_S4.1);
+            let before = self.voluntary_variance;
+            self.voluntary_variance = (before * factor).min(k::VOLUNTARY_RANGE_MM2_S4.1);
+            self.inflate_lags(k::MANOEUVRE_SHARE * (self.voluntary_variance - before));
         }
+    }
+
+    /// Adds a variance of the acceleration, mm²/s⁴, and what belongs to it, to acceleration and lags. New noise enters behind
+    /// the last lag, and would take all their time to reach the acceleration.
+    fn inflate_lags(&mut self, variance: f64) {
+        for (lag, ratio) in VoluntaryMotion::LAG_VARIANCES.iter().enumerate() {
+            for axis in 0..3 {
+                let at = 3 * (2 + lag) + axis;
+                self.covariance[at][at] += ratio * variance;
+            }
+        }
+        self.renew_cross();
     }
 }

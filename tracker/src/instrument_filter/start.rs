@@ -22,7 +22,7 @@ pub struct Hand {
 impl Default for Hand {
     fn default() -> Self {
         Hand {
-            tremor_variance: [k::TREMOR_START_MM * k::TREMOR_START_MM; BANDS],
+            tremor_variance: k::TREMOR_BANDS.map(|band| band.start_mm * band.start_mm),
             roll_tremor_variance: [k::ROLL_TREMOR_START_RAD * k::ROLL_TREMOR_START_RAD; ROLL_TREMORS],
         }
     }
@@ -78,8 +78,8 @@ impl InstrumentFilter {
         let speed =
             along * (k::START_SPEED_MM_S * k::START_SPEED_MM_S) + across * (across_mm_s * across_mm_s);
         let acceleration = along * along_mm2_s4 + across * self.voluntary_variance;
-        let [b, c] = VoluntaryMotion::LAG_VARIANCES.map(|ratio| acceleration * ratio);
-        for (vector, variance) in [speed, acceleration, b, c].iter().enumerate() {
+        let lags = VoluntaryMotion::LAG_VARIANCES.map(|ratio| acceleration * ratio);
+        for (vector, variance) in std::iter::once(&speed).chain(&lags).enumerate() {
             for row in 0..3 {
                 for column in 0..3 {
                     self.covariance[3 * (1 + vector) + row][3 * (1 + vector) + column] =

@@ -84,6 +84,34 @@ fn a_trocar_that_comes_into_sight_does_not_jerk_the_shaft() {
     assert!(box_minus(&f.pose(), &before).norm() < 1e-4);
 }
 
+#[test]
+fn a_band_without_tremor_loses_its_variance() {
+    let tip = |t: f64| Vector3::new(0.05 * (63.0 * t).sin(), 0.05 * (63.0 * t).cos(), -4.0);
+    let mut f = filter(tip(0.0));
+    let begun = f.hand.tremor_variance;
+    for n in 1..100u64 {
+        f.predict(FIELD_NS * (n + 1), Some(pivot()));
+        measure(&mut f, &through(tip(n as f64 * 0.02)), &(Matrix6::identity() * 1e-5));
+    }
+    // 2 s: a running mean of E[x²] alone leaves a fifth of the lower band.
+    assert!(f.hand.tremor_variance[0] < 0.05 * begun[0], "{:?} of {begun:?}", f.hand.tremor_variance);
+}
+
+#[test]
+fn a_manoeuvre_reaches_the_acceleration_at_once() {
+    let mut f = filter(Vector3::zeros());
+    let (before, voluntary) = (f.covariance, f.voluntary_variance);
+    f.adapt_to_nis(1000.0, 6.0);
+    let raised = f.voluntary_variance - voluntary;
+    assert!(raised > 8.0 * voluntary, "{raised}");
+    for (lag, ratio) in crate::motion_models::VoluntaryMotion::LAG_VARIANCES.iter().enumerate() {
+        let at = 3 * (2 + lag);
+        let added = f.covariance[at][at] - before[at][at];
+        assert!((added - k::MANOEUVRE_SHARE * ratio * raised).abs() < 1e-9 * added, "lag {lag}: {added}");
+    }
+    assert_eq!(f.covariance[0], before[0], "nothing else changes");
+}
+
 /// Covariance of a measurement: one camera does not see the depth.
 fn noise_of(seen: Seen) -> Matrix6 {
     let mut noise = Matrix6::identity() * 1e-5;

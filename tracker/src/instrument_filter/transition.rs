@@ -4,7 +4,7 @@
 use super::{N, PLAY, ROLL, ROLL_TREMOR, ROLL_TREMORS, Row, TREMOR, VECTORS};
 use crate::block_matrix::{combine_rows, combine_vectors};
 use crate::constants as k;
-use crate::motion_models::{Oscillator, Singer, VoluntaryMotion};
+use crate::motion_models::{Oscillator, Singer, VOLUNTARY, VoluntaryMotion};
 use crate::tremor_bank::{Block, PAIRS, TremorBank};
 use crate::tuning::Tuning;
 use nalgebra::Vector3;
@@ -25,7 +25,7 @@ pub(super) fn voluntary_model(variance: f64, tuning: &Tuning) -> VoluntaryMotion
 
 /// Transitions of all motion models over one time step.
 pub(super) struct StateTransition {
-    pub voluntary: [[f64; 5]; 5],
+    pub voluntary: [[f64; VOLUNTARY]; VOLUNTARY],
     pub tremor: [Block; PAIRS],
     pub play: [[f64; 2]; 2],
     pub roll: [[f64; 3]; 3],

@@ -1,0 +1,202 @@
+//! What lies before the markers in the picture of a camera: the shafts of other instruments, and nearer markers of another
+//! colour.
+//!
+//! A marker that is hidden in part shows the centroid of the rest. Its area tells so only where a good part is gone: 2 %
+//! of an area are within its noise, and shift the centroid by several standard deviations of a blob. But where
+//! everything is predicted to be tells which markers are touched, and how deep.
+
+use crate::associate::PredictedBody;
+use crate::constants as k;
+use crate::lines::BodyInField;
+use crate::projection::{MarkerImage, project_point};
+use crate::rig_model::RigModel;
+use nalgebra::Vector2;
+use protocol::limits::BODIES;
+use rig::camera::Camera;
+
+/// Everything that may hide a marker, in the picture of one camera-field; its memory is reused.
+#[derive(Debug, Default)]
+pub struct Covers {
+    shafts: Vec<Shaft>,
+    discs: Vec<Disc>,
+}
+
+/// The part of a shaft that lies in the eye.
+#[derive(Debug)]
+struct Shaft {
+    body: usize,
+    tip: Vector2<f64>,
+    along: Vector2<f64>,
+    length: f64,
+    /// Half widths at tip and end, px, and depths, mm.
+    half: [f64; 2],
+    depth: [f64; 2],
+}
+
+/// A marker.
+#[derive(Debug)]
+struct Disc {
+    centre: Vector2<f64>,
+    radius: f64,
+    depth: f64,
+    colour: u32,
+}
+
+impl Covers {
+    /// Looks where the predicted bodies are `dt_s` seconds after the instant of the prediction.
+    pub fn renew(
+        &mut self,
+        rig: &RigModel,
+        camera: &Camera,
+        predicted: &[Option<PredictedBody>; BODIES],
+        dt_s: f64,
+    ) {
+        self.shafts.clear();
+        self.discs.clear();
+        for (body, predicted) in predicted.iter().enumerate() {
+            let Some(predicted) = predicted else { continue };
+            let placed = BodyInField::new(rig, camera.id as usize, &predicted.pose, &predicted.motion, dt_s);
+            let model = &rig.bodies[body];
+            for marker in &model.markers {
+                let Some((image, _)) = placed.image(marker, camera) else { continue };
+                let depth = camera.in_camera(&image.point).z;
+                let (centre, radius, colour) = (image.pixel, image.radius_px, marker.colour);
+                self.discs.push(Disc { centre, radius, depth, colour });
+            }
+            if model.shaft_radius > 0.0 {
+                self.shafts.extend(Shaft::new(body, model.shaft_radius, &placed, camera));
+            }
+        }
+    }
+
+    /// Standard deviation by which what is seen of a marker may lie beside its centre, px; 0 where nothing touches it.
+    pub fn shift_px(&self, body: usize, colour: u32, image: &MarkerImage, camera: &Camera) -> f64 {
+        let (centre, radius, depth) = (image.pixel, image.radius_px, camera.in_camera(&image.point).z);
+        let by_shafts =
+            self.shafts.iter().filter(|s| s.body != body).map(|s| s.depth_over(&centre, radius, depth));
+        let by_discs = self.discs.iter().filter(|d| d.colour != colour && d.depth < depth);
+        let by_discs = by_discs.map(|d| d.radius + radius - (d.centre - centre).norm());
+        let deepest = by_shafts.chain(by_discs).fold(0.0, f64::max);
+        // What a straight edge cuts off at depth h (in radii) is 4√2/3π·h^1.5 of a disc, near its rim.
+        let depth = deepest / radius;
+        radius * (0.6 * depth * libm::sqrt(depth)).min(k::COVERED_SHIFT)
+    }
+}
+
+impl Shaft {
+    fn new(body: usize, radius: f64, placed: &BodyInField, camera: &Camera) -> Option<Self> {
+        let pose = placed.pose_at(0.5 * f64::from(camera.size_px[1]));
+        let end = pose.origin + pose.rotation.column(2) * k::SHAFT_IN_EYE_MM;
+        let [tip, end] = [project_point(&pose.origin, camera)?, project_point(&end, camera)?];
+        let between = end.pixel - tip.pixel;
+        let depth = [tip.depth_mm, end.depth_mm];
+        Some(Shaft {
+            body,
+            tip: tip.pixel,
+            along: between.try_normalize(1e-6)?,
+            length: between.norm(),
+            half: depth.map(|depth| camera.focal_px.x * radius / depth),
+            depth,
+        })
+    }
+
+    /// How deep it reaches over a marker, px; not positive where it does not touch it or lies behind it.
+    fn depth_over(&self, centre: &Vector2<f64>, radius: f64, depth: f64) -> f64 {
+        let off = centre - self.tip;
+        let along = off.dot(&self.along).clamp(0.0, self.length);
+        let share = along / self.length;
+        let mix = |[tip, end]: [f64; 2]| tip + (end - tip) * share;
+        if mix(self.depth) >= depth {
+            0.0
+        } else {
+            mix(self.half) + radius - (off - self.along * along).norm()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix2x3, Point3};
+    use proptest::prelude::*;
+    use rig::Rig;
+
+    const DEPTH_MM: f64 = 80.0;
+
+    fn camera() -> Camera {
+        Rig::load_or_shipped(None).unwrap().cameras().remove(0)
+    }
+
+    /// A marker whose image is a circle of so many pixels about `pixel`.
+    fn image(camera: &Camera, pixel: Vector2<f64>, radius_px: f64) -> MarkerImage {
+        let in_camera = nalgebra::Vector3::new(0.0, 0.0, DEPTH_MM) - camera.translation_mm;
+        let point = Point3::from(camera.camera_from_world.transpose() * in_camera);
+        MarkerImage { pixel, jacobian: Matrix2x3::zeros(), point, radius_px, area_px: 0.0 }
+    }
+
+    fn shaft(body: usize, tip: Vector2<f64>, angle: f64, half: f64, depth: f64) -> Shaft {
+        let along = Vector2::new(libm::cos(angle), libm::sin(angle));
+        Shaft { body, tip, along, length: 300.0, half: [half; 2], depth: [depth; 2] }
+    }
+
+    /// Distance of the centroid of what a cover leaves of a disc from its centre; `None` where nothing is left.
+    fn shift_of_the_rest(radius: f64, hides: impl Fn(&Vector2<f64>) -> bool) -> Option<f64> {
+        let (mut sum, mut seen) = (Vector2::zeros(), 0.0);
+        for row in -60..=60 {
+            for column in -60..=60 {
+                let p = Vector2::new(f64::from(column), f64::from(row)) * (radius / 60.0);
+                if p.norm() < radius && !hides(&p) {
+                    (sum, seen) = (sum + p, seen + 1.0);
+                }
+            }
+        }
+        (seen > 200.0).then(|| (sum / seen).norm())
+    }
+
+    #[test]
+    fn what_lies_behind_or_beside_or_is_its_own_hides_nothing() {
+        let camera = camera();
+        let marker = image(&camera, Vector2::new(300.0, 200.0), 8.0);
+        let tip = Vector2::new(200.0, 203.0);
+        let shift = |shafts, discs| Covers { shafts, discs }.shift_px(0, 1, &marker, &camera);
+        let disc =
+            |colour, depth| vec![Disc { centre: Vector2::new(306.0, 200.0), radius: 8.0, depth, colour }];
+        assert!(shift(vec![shaft(1, tip, 0.0, 3.0, 70.0)], vec![]) > 1.0);
+        assert_eq!(shift(vec![shaft(1, tip, 0.0, 3.0, 90.0)], vec![]), 0.0);
+        assert_eq!(shift(vec![shaft(0, tip, 0.0, 3.0, 70.0)], vec![]), 0.0);
+        assert_eq!(shift(vec![shaft(1, tip, 0.3, 3.0, 70.0)], vec![]), 0.0);
+        assert!(shift(vec![], disc(2, 70.0)) > 1.0);
+        assert_eq!(shift(vec![], disc(2, 90.0)), 0.0);
+        assert_eq!(
+            shift(vec![], disc(1, 70.0)),
+            0.0,
+            "of one colour they are one blob, which its width shows"
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn what_remains_of_a_marker_lies_within_two_standard_deviations(
+            offset in -14.0..14.0f64, half in 1.0..6.0f64, angle in 0.0..3.1f64, of_disc in any::<bool>(),
+        ) {
+            let camera = camera();
+            let (centre, radius) = (Vector2::new(300.0, 200.0), 8.0);
+            let across = Vector2::new(-libm::sin(angle), libm::cos(angle));
+            let along = Vector2::new(libm::cos(angle), libm::sin(angle));
+            let at = across * offset;
+            let mut covers = Covers::default();
+            if of_disc {
+                covers.discs.push(Disc { centre: centre + at, radius: half, depth: 70.0, colour: 2 });
+            } else {
+                covers.shafts.push(shaft(1, centre + at - along * 150.0, angle, half, 70.0));
+            }
+            let sigma = covers.shift_px(0, 1, &image(&camera, centre, radius), &camera);
+            let hides = |p: &Vector2<f64>| {
+                if of_disc { (p - at).norm() < half } else { (p - at).dot(&across).abs() < half }
+            };
+            let Some(shift) = shift_of_the_rest(radius, hides) else { return Ok(()) };
+            // The sampled disc has an error of its own.
+            prop_assert!(shift <= 2.0 * sigma + 0.01, "{} px, σ {}", shift, sigma);
+        }
+    }
+}
