@@ -44,6 +44,8 @@ pub struct Feed {
     pub realtime: bool,
     /// Raised to end it early.
     pub stop: Arc<AtomicBool>,
+    /// Triples sent so far.
+    pub sent: Arc<AtomicU64>,
     /// When it was done, ns; 0 before.
     pub done_ns: Arc<AtomicU64>,
 }
@@ -100,6 +102,7 @@ impl Feed {
                 field.blobs_out_ns = now();
                 blobs.send(field)?;
             }
+            self.sent.store(number + 1, Ordering::Relaxed);
         }
         Ok(fed)
     }
