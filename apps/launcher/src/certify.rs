@@ -37,6 +37,7 @@ use rig::Rig;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::time::SystemTime;
 use stream::{ROUND_S, Triples};
 use tally::TRACKING;
 
@@ -184,6 +185,7 @@ async fn certify(args: &CertifyArgs) -> anyhow::Result<ExitCode> {
 
 async fn measure(args: &CertifyArgs, rig: &Rig, stop: &StopSignal) -> anyhow::Result<Report> {
     let plan = Plan::of(args, rig.field_period_ns());
+    let began = SystemTime::now();
     let instance = Instance::own(&args.instance)?;
     let realtime = realtime_allowed();
     // The tracker reads what was read here.
@@ -213,7 +215,7 @@ async fn measure(args: &CertifyArgs, rig: &Rig, stop: &StopSignal) -> anyhow::Re
     let ordinary = Bench { realtime: false, ..bench };
     let fast = unless_stopped(stop, at_speed(&ordinary, &triples, &plan)).await?.flatten();
     let load_text = (&*load.text, stolen_percent);
-    let setup = Setup::of((setup_of, rig.field_hz), &triples, &scheduling, load_text);
+    let setup = Setup::of(began, (setup_of, rig.field_hz), &triples, &scheduling, load_text);
     drop(load);
     let ended = (plan.count, stop.is_raised());
     Ok(Report::of(setup, (&live.read, &live.fed.late), (&before, after.as_ref()), fast, ended))

@@ -9,6 +9,7 @@ use crate::machine::Machine;
 use crate::run::Durations;
 use protocol::time::Nanos;
 use serde::Serialize;
+use std::time::SystemTime;
 
 /// Of the JSON file.
 pub const FORMAT: &str = "vitreo-certificate-1";
@@ -148,15 +149,16 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// Of a rig on this machine.
+    /// Of a rig on this machine, measured from `began` on.
     pub fn of(
+        began: SystemTime,
         rig: (String, f64),
         triples: &Triples,
         scheduling: &str,
         (load, stolen_percent): (&str, Option<f64>),
     ) -> Self {
         Setup {
-            began: humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string(),
+            began: humantime::format_rfc3339_seconds(began).to_string(),
             version: env!("CARGO_PKG_VERSION"),
             machine: Machine::detect(),
             rig: rig.0,
@@ -294,7 +296,9 @@ pub(super) mod tests {
         });
         let [first, last] = &floors;
         let read = Read { tally, counts: ipc::Counts::default(), fields_refused: 0 };
-        let setup = Setup::of(("a <rig>".into(), 200.0), &triples, "ordinary", ("none was made", Some(0.04)));
+        let rig = ("a <rig>".into(), 200.0);
+        let setup =
+            Setup::of(SystemTime::UNIX_EPOCH, rig, &triples, "ordinary", ("none was made", Some(0.04)));
         Report::of(setup, (&read, &Durations::default()), (first, Some(last)), None, (2_000, false))
     }
 
