@@ -210,10 +210,7 @@ async fn measure(args: &CertifyArgs, rig: &Rig, stop: &StopSignal) -> anyhow::Re
     let stolen_percent = others.load(0.0).map(|load| load.stolen_percent);
     anyhow::ensure!(live.read.tally.triples() > 0, "stopped");
     let after = unless_stopped(stop, floor(&plan, rig, realtime, stop)).await?;
-    // Real-time programs that always have work leave the processors to nobody: the kernel then takes them away, which
-    // no rig does to them.
-    let ordinary = Bench { realtime: false, ..bench };
-    let fast = unless_stopped(stop, at_speed(&ordinary, &triples, &plan)).await?.flatten();
+    let fast = unless_stopped(stop, at_speed(&bench, &triples, &plan)).await?.flatten();
     let load_text = (&*load.text, stolen_percent);
     let setup = Setup::of(began, (setup_of, rig.field_hz), &triples, &scheduling, load_text);
     drop(load);

@@ -18,6 +18,10 @@ use std::time::Duration;
 pub const ON_THEIR_WAY: u64 = 8;
 /// A triple whose poses do not come within this time is not waited for any longer.
 const GIVEN_UP: Duration = Duration::from_secs(1);
+/// At speed, all pause for so long after so long, ns. Real-time programs that always have work leave no time to ordinary
+/// ones, and Linux then takes each processor away from them, for 50 ms in every second.
+const BURST_NS: u64 = 800_000_000;
+const PAUSE_NS: u64 = 100_000_000;
 /// The first triple comes so much later than the begin, ns.
 const LEAD_NS: u64 = 20_000_000;
 
@@ -80,7 +84,7 @@ impl Feed {
         let mut fields = Vec::with_capacity(self.triples.cameras());
         let mut fed = Fed::default();
         let begin = now() + LEAD_NS;
-        let mut on_their_way = 0;
+        let (mut on_their_way, mut burst_ns) = (0, begin);
         for number in 0..self.count {
             if self.stop.load(Ordering::Relaxed) {
                 break;
@@ -95,6 +99,7 @@ impl Feed {
                 }
                 Pace::AtSpeed(credits, first_ns) => {
                     self.triples.draw(number, first_ns + since_ns, &mut fields);
+                    burst_ns = pause_after(burst_ns);
                     on_their_way = wait_for_room(credits, on_their_way, &mut fed) + 1;
                 }
             }
@@ -106,6 +111,15 @@ impl Feed {
         }
         Ok(fed)
     }
+}
+
+/// Pauses where the burst that began at `burst_ns` has been long enough; gives when the present one began.
+fn pause_after(burst_ns: Nanos) -> Nanos {
+    if now() < burst_ns + BURST_NS {
+        return burst_ns;
+    }
+    sleep_until(now() + PAUSE_NS);
+    now()
 }
 
 /// Waits until fewer triples than may be are on their way; gives their number.
@@ -124,6 +138,13 @@ fn wait_for_room(credits: &Credits<()>, mut on_their_way: u64, fed: &mut Fed) ->
 mod tests {
     use super::*;
     use std::sync::mpsc;
+
+    #[test]
+    fn a_burst_ends_with_a_pause_and_a_short_one_goes_on() {
+        let begun = now();
+        assert_eq!(pause_after(begun + LEAD_NS), begun + LEAD_NS, "it has yet to begin");
+        assert!(pause_after(begun.saturating_sub(BURST_NS)) >= begun + PAUSE_NS);
+    }
 
     #[test]
     fn no_more_are_on_their_way_than_may_be_and_none_is_waited_for_for_ever() {

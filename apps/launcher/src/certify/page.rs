@@ -127,8 +127,7 @@ fn drops(report: &Report) -> Section {
         rows.push(losses("at speed", &fast.losses));
         let _ = write!(
             text,
-            " At speed all are ordinary programs: real-time ones would leave the processors to nobody, and the kernel \
-             takes them away from such. {:.0} triples a second, tracking p50 {} and p99 {} ms.",
+            " At speed: {:.0} triples a second with the pauses for other programs, tracking p50 {} and p99 {} ms.",
             fast.rate_hz,
             ms(fast.tracking.p50_ms),
             ms(fast.tracking.p99_ms)
