@@ -18,10 +18,11 @@ use std::time::Duration;
 pub const ON_THEIR_WAY: u64 = 8;
 /// A triple whose poses do not come within this time is not waited for any longer.
 const GIVEN_UP: Duration = Duration::from_secs(1);
-/// At speed, all pause for so long after so long, ns. Real-time programs that always have work leave no time to ordinary
-/// ones, and Linux then takes each processor away from them, for 50 ms in every second.
-const BURST_NS: u64 = 800_000_000;
-const PAUSE_NS: u64 = 100_000_000;
+/// At speed, all pause for this part of a period, after bursts that are so many times as long. Real-time programs that
+/// always have work leave no time to ordinary ones, and Linux then takes each processor away from them, for 50 ms in every
+/// second. After a longer pause than a period fields would count as late.
+const PAUSE_PERIODS: f64 = 0.75;
+const BURST_PAUSES: u64 = 9;
 /// The first triple comes so much later than the begin, ns.
 const LEAD_NS: u64 = 20_000_000;
 
@@ -99,7 +100,7 @@ impl Feed {
                 }
                 Pace::AtSpeed(credits, first_ns) => {
                     self.triples.draw(number, first_ns + since_ns, &mut fields);
-                    burst_ns = pause_after(burst_ns);
+                    burst_ns = pause_after(burst_ns, self.triples.period_ns());
                     on_their_way = wait_for_room(credits, on_their_way, &mut fed) + 1;
                 }
             }
@@ -114,11 +115,12 @@ impl Feed {
 }
 
 /// Pauses where the burst that began at `burst_ns` has been long enough; gives when the present one began.
-fn pause_after(burst_ns: Nanos) -> Nanos {
-    if now() < burst_ns + BURST_NS {
+fn pause_after(burst_ns: Nanos, period_ns: u64) -> Nanos {
+    let pause_ns = (PAUSE_PERIODS * period_ns as f64) as u64;
+    if now() < burst_ns + BURST_PAUSES * pause_ns {
         return burst_ns;
     }
-    sleep_until(now() + PAUSE_NS);
+    sleep_until(now() + pause_ns);
     now()
 }
 
@@ -142,8 +144,8 @@ mod tests {
     #[test]
     fn a_burst_ends_with_a_pause_and_a_short_one_goes_on() {
         let begun = now();
-        assert_eq!(pause_after(begun + LEAD_NS), begun + LEAD_NS, "it has yet to begin");
-        assert!(pause_after(begun.saturating_sub(BURST_NS)) >= begun + PAUSE_NS);
+        assert_eq!(pause_after(begun + LEAD_NS, 4_000_000), begun + LEAD_NS, "it has yet to begin");
+        assert!(pause_after(begun.saturating_sub(27_000_000), 4_000_000) >= begun + 3_000_000);
     }
 
     #[test]
