@@ -1,6 +1,7 @@
 //! `vitreo certify`, short and beside no load: what it counts, loses and writes. No time is judged.
 
-use vitreo_tests::{Observer, Running, instance_name, interrupt, json, repository, vitreo};
+use protocol::poses::TrackerFrame;
+use vitreo_tests::{Observer, Running, instance_name, interrupt, json, next, repository, vitreo};
 
 #[test]
 fn a_short_certificate_counts_every_triple_and_is_written_in_three_forms() {
@@ -23,6 +24,13 @@ fn a_short_certificate_counts_every_triple_and_is_written_in_three_forms() {
     let counted: u64 = histogram.iter().map(|bin| bin["count"].as_u64().expect("a count")).sum();
     assert_eq!(counted, 600, "every latency is in it once");
     assert_eq!([0, 1].map(|n| report["floor"][n]["count"].as_u64()), [Some(150); 2]);
+    assert_eq!((&report["stopped"], &report["slowest"]["count"]), (&false.into(), &1.into()));
+    let slowest = &report["slowest"]["listed"][0];
+    let parts: f64 =
+        slowest["parts_ms"].as_array().expect("parts").iter().map(|ms| ms.as_f64().expect("ms")).sum();
+    let longest = report["latency"]["max_ms"].as_f64().expect("ms");
+    assert!((parts - longest).abs() < 1e-6, "the slowest triple is the longest latency: {slowest}");
+    assert!(finished.stderr.contains(" of 800 triples sent"), "it says how far it is: {}", finished.stderr);
     for body in report["bodies"].as_array().expect("bodies") {
         assert_eq!(
             body["static_frames"].as_u64().zip(body["moving_frames"].as_u64()).map(|(a, b)| a + b > 550),
@@ -59,6 +67,34 @@ fn one_that_is_stopped_certifies_nothing_and_leaves_nothing() {
     let finished = running.finish().expect_code(130);
     assert!(finished.stderr.contains("nothing is certified") && finished.stdout.is_empty(), "{finished:?}");
     assert_eq!(std::fs::read_dir(folder.path()).expect("folder").count(), 0);
+}
+
+#[test]
+fn one_that_is_stopped_while_triples_are_sent_certifies_those() {
+    let folder = tempfile::tempdir().expect("folder");
+    let [page, figures] = ["c.md", "c.json"].map(|name| folder.path().join(name));
+    let [markdown, json_file] = [&page, &figures].map(|path| path.to_str().expect("UTF-8"));
+    let name = instance_name();
+    let words = ["certify", "--triples", "4000", "--at-speed", "1000", "--load", "none", "--instance", &name];
+    let running = Running::start(&[&words[..], &["--report", markdown, "--report", json_file]].concat());
+    let mut poses = Observer::join(&name).receiver::<TrackerFrame>();
+    // The first 200 do not count.
+    next(&mut poses, |frame| frame.field > 300);
+    interrupt(running.pid());
+    let finished = running.finish().expect_code(130);
+    let report = json(&figures);
+    let sent = report["real_time"]["triples"].as_u64().expect("a count");
+    assert!((100..4_000).contains(&sent), "{report}");
+    assert_eq!((&report["stopped"], &report["asked"]), (&true.into(), &4_000.into()));
+    assert_eq!((&report["real_time"]["drops"], &report["latency"]["count"]), (&0.into(), &sent.into()));
+    assert_eq!(
+        (report["floor"].as_array().map(Vec::len), &report["at_speed"]),
+        (Some(1), &serde_json::Value::Null)
+    );
+    let said = format!("covers {sent} of 4000 triples");
+    assert!(finished.stderr.contains(&said), "{finished:?}");
+    let page = std::fs::read_to_string(&page).expect("the page");
+    assert!(page.contains(&format!("{sent} of 4000 triples were sent")), "{page}");
 }
 
 #[test]

@@ -2,16 +2,18 @@
 //! beside a load, as a page that can be handed on.
 //!
 //! - `stream`: what the cameras see; `feeder`, `subscriber`: the threads that send and read; `bench`: both, with a
-//!   tracker of their own between them
+//!   tracker of their own between them; `progress`: how far they are
 //! - `load`, `floor`: what else the machine does, and how late it wakes anybody up
-//! - `tally`: what is counted; `report`, `page`: figures, and how they are shown
+//! - `tally`, `slowest`: what is counted; `report`, `page`: figures, and how they are shown
 
 mod bench;
 mod feeder;
 mod floor;
 mod load;
 mod page;
+mod progress;
 mod report;
+mod slowest;
 mod stream;
 mod subscriber;
 mod tally;
@@ -20,7 +22,7 @@ use crate::children::{REALTIME_PRIORITY, realtime_allowed};
 use crate::exit::{BUDGET, INTERRUPTED, LOSS, WrongUse};
 use crate::machine::allow_open_files;
 use crate::memory_file::MemoryFile;
-use crate::run::positive;
+use crate::run::{LoadAccount, positive};
 use crate::runtime::{StopSignal, block_on};
 use anyhow::{Context, bail};
 use bench::{Bench, Ending, Stream};
@@ -35,6 +37,7 @@ use rig::Rig;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::time::SystemTime;
 use stream::{ROUND_S, Triples};
 use tally::TRACKING;
 
@@ -182,6 +185,7 @@ async fn certify(args: &CertifyArgs) -> anyhow::Result<ExitCode> {
 
 async fn measure(args: &CertifyArgs, rig: &Rig, stop: &StopSignal) -> anyhow::Result<Report> {
     let plan = Plan::of(args, rig.field_period_ns());
+    let began = SystemTime::now();
     let instance = Instance::own(&args.instance)?;
     let realtime = realtime_allowed();
     // The tracker reads what was read here.
@@ -200,12 +204,32 @@ async fn measure(args: &CertifyArgs, rig: &Rig, stop: &StopSignal) -> anyhow::Re
     let setup_of = args.rig.as_deref().map_or(RIG_NAME.into(), |file| file.display().to_string());
     let stream =
         Stream { triples: triples.clone(), warm_up: plan.warm_up, count: plan.count, at_speed: false };
+    let mut others = LoadAccount::default();
+    others.start();
     let live = bench.measure(stream).await?;
-    let floors = [before, floor(&plan, rig, realtime, stop).await?];
-    let fast = at_speed(&bench, &triples, &plan).await?;
-    let setup = Setup::of((setup_of, rig.field_hz), &triples, &scheduling, &load.text);
+    let stolen_percent = others.load(0.0).map(|load| load.stolen_percent);
+    anyhow::ensure!(live.read.tally.triples() > 0, "stopped");
+    let after = unless_stopped(stop, floor(&plan, rig, realtime, stop)).await?;
+    let fast = unless_stopped(stop, at_speed(&bench, &triples, &plan)).await?.flatten();
+    let load_text = (&*load.text, stolen_percent);
+    let setup = Setup::of(began, (setup_of, rig.field_hz), &triples, &scheduling, load_text);
     drop(load);
-    Ok(Report::of(setup, (&live.read, &live.fed.late), &floors, fast))
+    let ended = (plan.count, stop.is_raised());
+    Ok(Report::of(setup, (&live.read, &live.fed.late), (&before, after.as_ref()), fast, ended))
+}
+
+/// What is measured after the triples in real time; `None` where the command is to end.
+async fn unless_stopped<T>(
+    stop: &StopSignal,
+    measured: impl Future<Output = anyhow::Result<T>>,
+) -> anyhow::Result<Option<T>> {
+    if stop.is_raised() {
+        return Ok(None);
+    }
+    match measured.await {
+        Err(_) if stop.is_raised() => Ok(None),
+        measured => measured.map(Some),
+    }
 }
 
 async fn floor(plan: &Plan, rig: &Rig, realtime: bool, stop: &StopSignal) -> anyhow::Result<floor::Floor> {
@@ -240,6 +264,11 @@ async fn at_speed(bench: &Bench<'_>, triples: &Triples, plan: &Plan) -> anyhow::
 /// The exit code, with its reasons on standard error.
 fn verdict(report: &Report, assert: bool) -> ExitCode {
     let goal = &report.goal;
+    if report.stopped {
+        let sent = report.real_time.triples;
+        warn(&format!("stopped: the certificate covers {sent} of {} triples in real time", report.asked));
+        return ExitCode::from(INTERRUPTED);
+    }
     if report.drops() > 0 {
         warn(&format!("{} triples were dropped", report.drops()));
         return ExitCode::from(LOSS);
@@ -291,5 +320,7 @@ mod tests {
         assert_eq!(code(0, false, false), ExitCode::SUCCESS);
         assert_eq!(code(0, false, true), ExitCode::from(BUDGET));
         assert_eq!(code(1, true, false), ExitCode::from(LOSS));
+        let stopped = report::Report { stopped: true, ..report::tests::report(0) };
+        assert_eq!(verdict(&stopped, false), ExitCode::from(INTERRUPTED));
     }
 }

@@ -41,7 +41,7 @@ pub(crate) use arguments::positive;
 pub use arguments::share;
 pub use field_trace::TraceOutArgs;
 pub(crate) use latency_stats::Durations;
-pub use load::{Judged, Load, NO_LOAD};
+pub use load::{Judged, Load, LoadAccount, NO_LOAD};
 pub use options::{OutputArgs, RunArgs, TrainingArgs, TrialArgs, ViewArgs};
 pub use policy::MAX_RESTARTS;
 

@@ -1,6 +1,7 @@
 //! One stream through a tracker: starts it, feeds it and reads its poses, each in a thread or process of its own.
 
 use super::feeder::{Fed, Feed, Pace};
+use super::progress::Progress;
 use super::stream::Triples;
 use super::subscriber::{Read, Subscriber};
 use super::tally::Tally;
@@ -8,6 +9,7 @@ use crate::children::{Child, Surroundings, end_all, wait_until_running};
 use crate::runtime::StopSignal;
 use anyhow::{Context, bail};
 use ipc::clock::now;
+use ipc::logging::inform;
 use ipc::{Instance, Queue, Receiver, Sender};
 use protocol::control::Request;
 use protocol::health::{Health, Process};
@@ -16,9 +18,13 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc;
 use std::time::Duration;
 use tokio::sync::oneshot;
+use tokio::task::{JoinHandle, spawn_blocking};
+use tokio::time::sleep;
 
 /// How long the tracker may take to start.
 const START: Duration = Duration::from_secs(20);
+/// From one look at how far a stream is to the next.
+const LOOK: Duration = Duration::from_secs(1);
 
 /// What streams are sent through.
 pub struct Bench<'a> {
@@ -50,7 +56,7 @@ pub struct Measured {
     pub fed: Fed,
     /// By the subscriber.
     pub read: Read,
-    /// How long it took, s.
+    /// How long it took to send it, s.
     pub seconds: f64,
 }
 
@@ -64,10 +70,11 @@ impl Drop for Ending {
 }
 
 impl Bench<'_> {
-    /// Sends a stream through a new tracker.
+    /// Sends a stream through a new tracker. Where the command is to end, the stream ends early, and what was measured
+    /// of it is given: the triples that were sent.
     ///
     /// # Errors
-    /// Where the tracker does not start or ends, a thread fails, or the command is to end.
+    /// Where the tracker does not start or ends, a thread fails, or the command is to end before the stream began.
     pub async fn measure(&self, stream: Stream) -> anyhow::Result<Measured> {
         let mut health: Receiver<Health> = self.instance.receiver(Queue::InOrder)?;
         let mut requests: Sender<Request> = self.instance.sender()?;
@@ -78,7 +85,6 @@ impl Bench<'_> {
         let measured = tokio::select! {
             measured = self.send(stream) => measured?,
             () = tracker[0].ended() => bail!("{}", tracker[0].exit_report()),
-            () = self.stop.raised() => bail!("stopped"),
         };
         let seq = requests.sent();
         end_all(&tracker, &mut requests, seq).await;
@@ -87,8 +93,10 @@ impl Bench<'_> {
 
     async fn send(&self, stream: Stream) -> anyhow::Result<Measured> {
         let Stream { triples, warm_up, count, at_speed } = stream;
-        let (stop, done_ns) = (Arc::<AtomicBool>::default(), Arc::<AtomicU64>::default());
-        let _ending = Ending(Arc::clone(&stop));
+        // The subscriber reads on after the last triple was sent.
+        let [stop, enough] = [(); 2].map(|()| Arc::<AtomicBool>::default());
+        let _endings = [&stop, &enough].map(|flag| Ending(Arc::clone(flag)));
+        let [sent, done_ns] = [(); 2].map(|()| Arc::<AtomicU64>::default());
         let (credits, told) = mpsc::channel();
         let total = warm_up + count;
         let first_ns = now().saturating_sub((total + 1) * triples.period_ns()).max(1);
@@ -99,20 +107,54 @@ impl Bench<'_> {
             tally: Tally::of(warm_up, count),
             credits: at_speed.then_some(credits),
             realtime: self.realtime,
-            stop: Arc::clone(&stop),
+            stop,
             done_ns: Arc::clone(&done_ns),
         };
         let instance = self.instance.name().to_owned();
-        let feed = Feed { instance, triples, count: total, pace, realtime: self.realtime, stop, done_ns };
+        let feed = Feed {
+            instance,
+            triples,
+            count: total,
+            pace,
+            realtime: self.realtime,
+            stop: Arc::clone(&enough),
+            sent: Arc::clone(&sent),
+            done_ns,
+        };
         let (ready, listens) = oneshot::channel();
-        let reading = tokio::task::spawn_blocking(move || subscriber.run(ready));
+        let reading = spawn_blocking(move || subscriber.run(ready));
         if listens.await.is_err() {
             reading.await??;
             bail!("the subscriber ended before it was connected");
         }
         let begun = now();
-        let fed = tokio::task::spawn_blocking(move || feed.run()).await?.context("the feeder")?;
-        let read = reading.await?.context("the subscriber")?;
-        Ok(Measured { fed, read, seconds: (now() - begun) as f64 * 1e-9 })
+        let feeding = spawn_blocking(move || feed.run());
+        let fed = self.accompany(feeding, &sent, &enough, total).await.context("the feeder")?;
+        let seconds = (now() - begun) as f64 * 1e-9;
+        let mut read = reading.await?.context("the subscriber")?;
+        read.tally.end_with(sent.load(Ordering::Relaxed));
+        Ok(Measured { fed, read, seconds })
+    }
+
+    /// Waits for the feeder, says how far it is, and has it end where the command is to end.
+    async fn accompany(
+        &self,
+        mut feeding: JoinHandle<anyhow::Result<Fed>>,
+        sent: &AtomicU64,
+        enough: &AtomicBool,
+        total: u64,
+    ) -> anyhow::Result<Fed> {
+        let mut progress = Progress::of(total);
+        loop {
+            tokio::select! {
+                fed = &mut feeding => return fed?,
+                () = self.stop.raised(), if !enough.load(Ordering::Relaxed) => enough.store(true, Ordering::Relaxed),
+                () = sleep(LOOK) => {
+                    if let Some(line) = progress.line(sent.load(Ordering::Relaxed)) {
+                        inform(&line);
+                    }
+                }
+            }
+        }
     }
 }

@@ -18,6 +18,11 @@ use std::time::Duration;
 pub const ON_THEIR_WAY: u64 = 8;
 /// A triple whose poses do not come within this time is not waited for any longer.
 const GIVEN_UP: Duration = Duration::from_secs(1);
+/// At speed, all pause for this part of a period, after bursts that are so many times as long. Real-time programs that
+/// always have work leave no time to ordinary ones, and Linux then takes each processor away from them, for 50 ms in every
+/// second. After a longer pause than a period fields would count as late.
+const PAUSE_PERIODS: f64 = 0.75;
+const BURST_PAUSES: u64 = 9;
 /// The first triple comes so much later than the begin, ns.
 const LEAD_NS: u64 = 20_000_000;
 
@@ -44,6 +49,8 @@ pub struct Feed {
     pub realtime: bool,
     /// Raised to end it early.
     pub stop: Arc<AtomicBool>,
+    /// Triples sent so far.
+    pub sent: Arc<AtomicU64>,
     /// When it was done, ns; 0 before.
     pub done_ns: Arc<AtomicU64>,
 }
@@ -78,7 +85,7 @@ impl Feed {
         let mut fields = Vec::with_capacity(self.triples.cameras());
         let mut fed = Fed::default();
         let begin = now() + LEAD_NS;
-        let mut on_their_way = 0;
+        let (mut on_their_way, mut burst_ns) = (0, begin);
         for number in 0..self.count {
             if self.stop.load(Ordering::Relaxed) {
                 break;
@@ -93,6 +100,7 @@ impl Feed {
                 }
                 Pace::AtSpeed(credits, first_ns) => {
                     self.triples.draw(number, first_ns + since_ns, &mut fields);
+                    burst_ns = pause_after(burst_ns, self.triples.period_ns());
                     on_their_way = wait_for_room(credits, on_their_way, &mut fed) + 1;
                 }
             }
@@ -100,9 +108,20 @@ impl Feed {
                 field.blobs_out_ns = now();
                 blobs.send(field)?;
             }
+            self.sent.store(number + 1, Ordering::Relaxed);
         }
         Ok(fed)
     }
+}
+
+/// Pauses where the burst that began at `burst_ns` has been long enough; gives when the present one began.
+fn pause_after(burst_ns: Nanos, period_ns: u64) -> Nanos {
+    let pause_ns = (PAUSE_PERIODS * period_ns as f64) as u64;
+    if now() < burst_ns + BURST_PAUSES * pause_ns {
+        return burst_ns;
+    }
+    sleep_until(now() + pause_ns);
+    now()
 }
 
 /// Waits until fewer triples than may be are on their way; gives their number.
@@ -121,6 +140,13 @@ fn wait_for_room(credits: &Credits<()>, mut on_their_way: u64, fed: &mut Fed) ->
 mod tests {
     use super::*;
     use std::sync::mpsc;
+
+    #[test]
+    fn a_burst_ends_with_a_pause_and_a_short_one_goes_on() {
+        let begun = now();
+        assert_eq!(pause_after(begun + LEAD_NS, 4_000_000), begun + LEAD_NS, "it has yet to begin");
+        assert!(pause_after(begun.saturating_sub(27_000_000), 4_000_000) >= begun + 3_000_000);
+    }
 
     #[test]
     fn no_more_are_on_their_way_than_may_be_and_none_is_waited_for_for_ever() {

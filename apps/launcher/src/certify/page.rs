@@ -43,7 +43,7 @@ fn sections(report: &Report) -> Vec<Section> {
 fn setup(report: &Report) -> Section {
     let setup = &report.setup;
     let machine = &setup.machine;
-    let rows = [
+    let mut rows = vec![
         ("program", format!("vitreo {}", setup.version)),
         ("machine", format!("{}, {} processors, {} MiB", machine.cpu, machine.cpus, machine.memory_mib)),
         ("system", format!("{}, {}", machine.kernel, machine.architecture)),
@@ -54,6 +54,16 @@ fn setup(report: &Report) -> Section {
         ("load", setup.load.clone()),
         ("floor by", report.floor_tool.clone()),
     ];
+    if let Some(percent) = setup.stolen_percent {
+        rows.push((
+            "taken by the host",
+            format!("{percent:.3} % of the processors' time, in real time (steal)"),
+        ));
+    }
+    if report.stopped {
+        let of = format!("{} of {} triples were sent in real time", report.real_time.triples, report.asked);
+        rows.push(("**stopped before its end**", of));
+    }
     let text = "The poses of two instruments and of the eye, six degrees of freedom each, from the blobs of \
         synthetic cameras, so the true poses are known. Tracker, feeder, subscriber and the thread of the \
                 floor are in one scheduling class, all use CLOCK_MONOTONIC.";
@@ -81,7 +91,7 @@ fn rates(setup: &Setup) -> String {
 fn latency(report: &Report) -> Section {
     let goal = &report.goal;
     let verdict = if goal.kept { "kept" } else { "missed" };
-    let text = format!(
+    let mut text = format!(
         "From the instant at which the last blobs of a triple are given to the tracker until a subscriber has read \
          their poses, by the subscriber's own clock. Goal: p{} at most {} ms above that of the machine's own \
          wake-ups, the lower of both; it is {:+.3} ms: {verdict}. From the exposure on, the {} ms before the blobs are what the rig \
@@ -91,11 +101,18 @@ fn latency(report: &Report) -> Section {
         goal.found_ms,
         ms(report.setup.camera_ms)
     );
-    let mut rows = vec![
-        figures("**last blobs sent → poses read**", &report.latency),
-        figures("wake-up floor, before", &report.floor[0]),
-        figures("wake-up floor, after", &report.floor[1]),
-    ];
+    let slowest = &report.slowest;
+    let [taken, sent, read] = slowest.parts_ms.map(ms);
+    let _ = write!(
+        text,
+        " The slowest thousandth, {} triples, took {} ms on average: {taken} until the tracker had the blobs, {sent} to \
+         track them and {read} until the poses were read.",
+        slowest.count,
+        ms(slowest.mean_ms)
+    );
+    let mut rows = vec![figures("**last blobs sent → poses read**", &report.latency)];
+    let floors = ["wake-up floor, before", "wake-up floor, after"].into_iter().zip(&report.floor);
+    rows.extend(floors.map(|(name, of)| figures(name, of)));
     rows.extend(report.parts.iter().map(|(name, of)| figures(name, of)));
     rows.push(figures("middle of the exposure → poses read", &report.from_exposure));
     rows.push(figures("feeder later than due", &report.feeder_late));
@@ -110,17 +127,17 @@ fn drops(report: &Report) -> Section {
         rows.push(losses("at speed", &fast.losses));
         let _ = write!(
             text,
-            " At speed: {:.0} triples a second, tracking p50 {} and p99 {} ms.",
+            " At speed: {:.0} triples a second with the pauses for other programs, tracking p50 {} and p99 {} ms.",
             fast.rate_hz,
             ms(fast.tracking.p50_ms),
             ms(fast.tracking.p99_ms)
         );
         if fast.asked > fast.losses.triples {
-            let _ = write!(
-                text,
-                " {} were requested; these are as many as fit between the machine's start and now.",
-                fast.asked
-            );
+            let why = match report.stopped {
+                true => "the command was stopped",
+                false => "these are as many as fit between the machine's start and now",
+            };
+            let _ = write!(text, " {} were requested; {why}.", fast.asked);
         }
     }
     let header = vec!["", "triples", "drops", "not complete", "blocks lost", "fields refused"];
@@ -276,9 +293,17 @@ mod tests {
         let report = report(2);
         let [markdown, html] = [markdown(&report), html(&report).unwrap()];
         for page in [&markdown, &html] {
-            for words in
-                ["Latency", "Static noise", "Range of motion", "inst1", "p99.9", "kept", "0.200", "3.000"]
-            {
+            for words in [
+                "Latency",
+                "Static noise",
+                "Range of motion",
+                "inst1",
+                "p99.9",
+                "kept",
+                "0.200",
+                "3.000",
+                "0.040 %",
+            ] {
                 assert!(page.contains(words), "{words} is not in\n{page}");
             }
         }
@@ -291,6 +316,17 @@ mod tests {
             "it needs nothing else"
         );
         assert!(markdown.contains("| in real time | 2000 | 2 | 0 | 0 | 0 |"), "{markdown}");
+    }
+
+    #[test]
+    fn a_page_of_what_was_stopped_says_so_and_has_the_floors_there_are() {
+        let mut report = report(0);
+        assert!(!markdown(&report).contains("stopped"));
+        (report.stopped, report.asked) = (true, 360_000);
+        report.floor.pop();
+        let page = markdown(&report);
+        assert!(page.contains("2000 of 360000 triples were sent"), "{page}");
+        assert!(page.contains("floor, before") && !page.contains("floor, after"), "{page}");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The figures of a certificate. Pure.
 
 use super::floor::Floor;
+use super::slowest::SlowestFigures;
 use super::stream::{NOISE_PX, Triples};
 use super::subscriber::Read;
 use super::tally::{BodyFigures, PARTS};
@@ -8,6 +9,7 @@ use crate::machine::Machine;
 use crate::run::Durations;
 use protocol::time::Nanos;
 use serde::Serialize;
+use std::time::SystemTime;
 
 /// Of the JSON file.
 pub const FORMAT: &str = "vitreo-certificate-1";
@@ -141,13 +143,22 @@ pub struct Setup {
     pub scheduling: String,
     /// What else the machine did.
     pub load: String,
+    /// Share of the processors' time that the host of a virtual machine took while triples were sent in real time,
+    /// percent; `None` where the system does not provide it.
+    pub stolen_percent: Option<f64>,
 }
 
 impl Setup {
-    /// Of a rig on this machine.
-    pub fn of(rig: (String, f64), triples: &Triples, scheduling: &str, load: &str) -> Self {
+    /// Of a rig on this machine, measured from `began` on.
+    pub fn of(
+        began: SystemTime,
+        rig: (String, f64),
+        triples: &Triples,
+        scheduling: &str,
+        (load, stolen_percent): (&str, Option<f64>),
+    ) -> Self {
         Setup {
-            began: humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string(),
+            began: humantime::format_rfc3339_seconds(began).to_string(),
             version: env!("CARGO_PKG_VERSION"),
             machine: Machine::detect(),
             rig: rig.0,
@@ -159,6 +170,7 @@ impl Setup {
             camera_ms: triples.read_out_ns() as f64 * 1e-6,
             scheduling: scheduling.into(),
             load: load.into(),
+            stolen_percent,
         }
     }
 }
@@ -187,16 +199,22 @@ pub struct Report {
     pub latency: Figures,
     /// Its parts, by name.
     pub parts: Vec<(&'static str, Figures)>,
+    /// What the slowest thousandth is made of, in the same parts.
+    pub slowest: SlowestFigures,
     /// From the middle of the exposure; what lies before the blobs is what the rig states.
     pub from_exposure: Figures,
     /// How late the feeder itself was.
     pub feeder_late: Figures,
-    /// The machine's own wake-ups, before and afterwards.
-    pub floor: [Figures; 2],
+    /// The machine's own wake-ups, before and, where it was not stopped, afterwards.
+    pub floor: Vec<Figures>,
     /// By what they were measured.
     pub floor_tool: String,
     /// The goal.
     pub goal: Goal,
+    /// Triples that were to be sent in real time.
+    pub asked: u64,
+    /// Whether the command was stopped before its end.
+    pub stopped: bool,
     /// In real time.
     pub real_time: Losses,
     /// At speed, where that was asked for.
@@ -214,14 +232,16 @@ impl Report {
     pub fn of(
         setup: Setup,
         (read, late): (&Read, &Durations),
-        floors: &[Floor; 2],
+        (first, last): (&Floor, Option<&Floor>),
         at_speed: Option<AtSpeed>,
+        (asked, stopped): (u64, bool),
     ) -> Self {
         let tally = &read.tally;
         let latency = Figures::of(&tally.latency);
-        let floor = floors.each_ref().map(|floor| Figures::of(&floor.late));
+        let floors = || std::iter::once(first).chain(last);
+        let floor: Vec<Figures> = floors().map(|floor| Figures::of(&floor.late)).collect();
         // What disturbed only one of them is no floor.
-        let found_ms = latency.p99_9_ms - floor[0].p99_9_ms.min(floor[1].p99_9_ms);
+        let found_ms = latency.p99_9_ms - floor.iter().map(|f| f.p99_9_ms).fold(f64::INFINITY, f64::min);
         let kept = tally.latency.count() > 0 && found_ms <= GOAL_MS;
         let named = PARTS.into_iter().zip(tally.parts.iter().map(Figures::of));
         Report {
@@ -229,16 +249,19 @@ impl Report {
             setup,
             latency,
             parts: named.collect(),
+            slowest: tally.slowest.figures(),
             from_exposure: Figures::of(&tally.from_exposure),
             feeder_late: Figures::of(late),
             floor,
-            floor_tool: floors[0].tool.clone(),
+            floor_tool: first.tool.clone(),
             goal: Goal { percentile: GOAL_PERCENTILE, above_floor_ms: GOAL_MS, found_ms, kept },
+            asked,
+            stopped,
             real_time: Losses::of(read),
             at_speed,
             bodies: tally.bodies(),
             latency_histogram: ranges(&tally.latency),
-            floor_histogram: ranges(&floors[0].late.with(&floors[1].late)),
+            floor_histogram: ranges(&floors().fold(Durations::default(), |all, floor| all.with(&floor.late))),
         }
     }
 
@@ -271,9 +294,12 @@ pub(super) mod tests {
             (0..1_000).for_each(|n| late.note(ns, n));
             Floor { late, tool: "a loop".into() }
         });
+        let [first, last] = &floors;
         let read = Read { tally, counts: ipc::Counts::default(), fields_refused: 0 };
-        let setup = Setup::of(("a <rig>".into(), 200.0), &triples, "ordinary", "none was made");
-        Report::of(setup, (&read, &Durations::default()), &floors, None)
+        let rig = ("a <rig>".into(), 200.0);
+        let setup =
+            Setup::of(SystemTime::UNIX_EPOCH, rig, &triples, "ordinary", ("none was made", Some(0.04)));
+        Report::of(setup, (&read, &Durations::default()), (first, Some(last)), None, (2_000, false))
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! What is counted of the poses that a subscriber reads. Pure: instants are arguments.
 
+use super::slowest::Slowest;
 use super::stream::Triples;
 use crate::run::Durations;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -125,6 +126,8 @@ pub struct Tally {
     pub latency: Durations,
     /// [`Tally::latency`]'s parts.
     pub parts: [Durations; 3],
+    /// What the longest of [`Tally::latency`] are made of.
+    pub slowest: Slowest,
     /// From the middle of the exposure until the pose is read.
     pub from_exposure: Durations,
     bodies: [Body; BODIES],
@@ -147,6 +150,7 @@ impl Tally {
             incomplete: 0,
             latency: Durations::default(),
             parts: Default::default(),
+            slowest: Slowest::of(triples),
             from_exposure: Durations::default(),
             bodies: Default::default(),
         }
@@ -167,9 +171,9 @@ impl Tally {
         let instants = &frame.instants;
         self.latency.note(read_ns.saturating_sub(instants.blobs_out), field);
         let ways = [instants.blobs_out, instants.taken, instants.tracked, read_ns];
-        for (part, pair) in self.parts.iter_mut().zip(ways.windows(2)) {
-            part.note(pair[1].saturating_sub(pair[0]), field);
-        }
+        let parts_ns = std::array::from_fn(|part| ways[part + 1].saturating_sub(ways[part]));
+        self.parts.iter_mut().zip(parts_ns).for_each(|(part, ns)| part.note(ns, field));
+        self.slowest.note(field, instants.blobs_out, parts_ns);
         self.from_exposure.note(read_ns.saturating_sub(instants.exposed), field);
         let truth = triples.placed(field);
         for ((body, state), truth) in self.bodies.iter_mut().zip(&frame.bodies).zip(&truth) {
@@ -177,6 +181,11 @@ impl Tally {
                 body.note(&state.world_from_body.isometry(), truth, triples.is_at_rest(field));
             }
         }
+    }
+
+    /// Ends it with the triples that were sent, so many with those before the first that counts.
+    pub fn end_with(&mut self, sent: u64) {
+        self.triples = self.triples.min(sent.saturating_sub(self.first));
     }
 
     /// True once the last triple has come.
@@ -241,6 +250,14 @@ mod tests {
         let us = |durations: &Durations| (durations.at_ms(50.0) * 1e3).round() as u64;
         assert_eq!(tally.parts.each_ref().map(us), [30, 70, 50]);
         assert_eq!((us(&tally.latency), us(&tally.from_exposure)), (150, 4_150));
+        assert_eq!(tally.slowest.figures().parts_ms.map(|ms| (ms * 1e3).round() as u64), [30, 70, 50]);
+        tally.end_with(12);
+        assert_eq!((tally.triples(), tally.drops()), (10, 1), "all were sent");
+        tally.end_with(11);
+        tally.seen -= 1;
+        assert_eq!((tally.triples(), tally.drops()), (9, 1), "no triple that was not sent is a drop");
+        tally.end_with(1);
+        assert_eq!(tally.triples(), 0);
         let mut late = frame(&triples, 2, 0.0);
         late.used_count = 2;
         let mut tally = Tally::of(2, 10);

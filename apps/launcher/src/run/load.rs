@@ -86,7 +86,7 @@ pub struct Judged {
 
 /// Measures the load from a first instant to the last.
 #[derive(Debug, Default)]
-pub(super) struct LoadAccount(Option<Ticks>);
+pub struct LoadAccount(Option<Ticks>);
 
 impl LoadAccount {
     /// From now on.
