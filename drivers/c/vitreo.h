@@ -426,7 +426,7 @@ typedef struct VitreoBodyState {
   double covariance[VITREO_COVARIANCE_ENTRIES];
   // Its motion.
   struct VitreoPredictor predictor;
-  // Root mean square of the image residuals, px; 0 where nothing was measured.
+  // Root mean square of the image residuals of markers that are seen whole, px; 0 where there is none.
   double residual_px;
   // Instant of the last measurement that took part.
   VitreoNanos measured_ns;

@@ -109,7 +109,7 @@ pub struct BodyState {
     /// Its motion.
     #[wire(tag = 3)]
     pub predictor: Predictor,
-    /// Root mean square of the image residuals, px; 0 where nothing was measured.
+    /// Root mean square of the image residuals of markers that are seen whole, px; 0 where there is none.
     #[wire(tag = 4)]
     pub residual_px: f64,
     /// Instant of the last measurement that took part.

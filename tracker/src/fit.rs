@@ -103,8 +103,10 @@ pub struct PoseFit {
     pub covariance: Matrix6,
     /// χ² of the blobs kept, with unscaled variances.
     pub chi2: f64,
-    /// Sum of the squared residuals, px².
+    /// Sum of the squared residuals of markers that are seen whole, px²: the blob of one that is hidden in part lies beside it.
     pub sum_squares_px2: f64,
+    /// Blobs of this sum.
+    pub whole: u32,
     /// Degrees of freedom of χ²: two per blob, less those of the pose that the blobs (not the
     /// prior) determine.
     pub degrees_of_freedom: f64,
@@ -161,14 +163,14 @@ impl PoseProblem<'_> {
             (pose, information) = self.converge(pose, matches, false)?;
             residuals = self.residuals(&pose, matches);
         }
-        let Residuals { chi2, sum_squares_px2, blobs, .. } = residuals;
+        let Residuals { chi2, sum_squares_px2, whole, blobs, .. } = residuals;
         if blobs == 0 {
             return None;
         }
         let covariance = information.cholesky()?.inverse();
         let determined = 6.0 - (self.prior_information * covariance).trace();
         let degrees_of_freedom = 2.0 * blobs as f64 - determined;
-        Some(PoseFit { pose, covariance, chi2, sum_squares_px2, degrees_of_freedom, blobs, outliers })
+        Some(PoseFit { pose, covariance, chi2, sum_squares_px2, whole, degrees_of_freedom, blobs, outliers })
     }
 
     /// Gauss–Newton; also the information matrix at the last step, too small a step to change it.
@@ -219,7 +221,10 @@ impl PoseProblem<'_> {
             let d2 = inverse.map_or(f64::INFINITY, |inverse| r.dot(&(inverse * r)));
             residuals.blobs += 1;
             residuals.chi2 += d2;
-            residuals.sum_squares_px2 += r.norm_squared();
+            if m.clean {
+                residuals.sum_squares_px2 += r.norm_squared();
+                residuals.whole += 1;
+            }
             if d2 > limit || d2.is_nan() {
                 (residuals.worst, limit) = (Some(i), d2);
             }
@@ -287,6 +292,7 @@ impl<'a> AtExposures<'a> {
 struct Residuals {
     chi2: f64,
     sum_squares_px2: f64,
+    whole: u32,
     blobs: usize,
     worst: Option<usize>,
 }

@@ -54,6 +54,8 @@ struct FrameStats {
     /// Set of the markers used.
     markers: u32,
     sum_squares_px2: f64,
+    /// Blobs of this sum.
+    whole: u32,
     bad_fit: bool,
 }
 
@@ -221,6 +223,7 @@ impl Track {
             }
         }
         self.frame.sum_squares_px2 += fit.sum_squares_px2;
+        self.frame.whole += fit.whole;
         self.measured_ns = time_ns;
         let seeing = |t: &&u64| **t > 0 && time_ns.saturating_sub(**t) <= at_rate.seen_ns;
         let cameras = self.seen_ns.iter().filter(seeing).count();
@@ -273,8 +276,8 @@ impl Track {
         state.measured_ns = self.measured_ns;
         state.blobs_used = self.frame.blobs;
         state.cameras_used = self.frame.cameras.count_ones();
-        if self.frame.blobs > 0 {
-            state.residual_px = libm::sqrt(self.frame.sum_squares_px2 / f64::from(self.frame.blobs));
+        if self.frame.whole > 0 {
+            state.residual_px = libm::sqrt(self.frame.sum_squares_px2 / f64::from(self.frame.whole));
         }
         state
     }

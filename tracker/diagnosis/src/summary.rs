@@ -3,7 +3,7 @@
 use crate::tracking::ratio;
 use protocol::geometry::Validity;
 use protocol::limits::{BODIES, MAX_CAMERAS};
-use protocol::matches::MatchFrame;
+use protocol::matches::{BlobUse, MatchFrame};
 use protocol::poses::{BODY_NAMES, TrackerFrame};
 use protocol::time::Nanos;
 use serde::Serialize;
@@ -96,10 +96,10 @@ impl Summary {
         }
     }
 
-    /// Takes what became of the blobs of a frame.
+    /// Takes what became of the blobs of a frame: those of markers that are seen whole, as in a body's own residual.
     pub fn note_matches(&mut self, matches: &MatchFrame) {
         for field in matches.fields().iter().filter(|f| (f.camera as usize) < MAX_CAMERAS) {
-            for blob in field.blobs().iter().filter(|b| b.outcome().is_used()) {
+            for blob in field.blobs().iter().filter(|b| b.outcome() == BlobUse::Used) {
                 let Some((body, _)) = blob.marker() else { continue };
                 let [x, y] = [blob.residual_x_px, blob.residual_y_px].map(f64::from);
                 self.bodies[body].by_camera[field.camera as usize].add(1, x * x + y * y);

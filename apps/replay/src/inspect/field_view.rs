@@ -188,7 +188,10 @@ fn colour(outcome: BlobUse) -> RGBColor {
 pub fn legend<B: DrawingBackend>(area: &Area<B>, (left, top): (i32, i32)) -> Drawn<B> {
     let signs: [(&str, RGBColor); 7] = [
         ("used: the marker it was matched to; black line: residual", colour(BlobUse::Used)),
-        ("used in part: hidden, clipped or merged, by its size or flags", colour(BlobUse::UsedInPart)),
+        (
+            "used in part: hidden, clipped or merged, by its size, its flags or what is predicted to lie before it",
+            colour(BlobUse::UsedInPart),
+        ),
         ("outlier or bad fit: matched, and rejected by the fit", colour(BlobUse::Outlier)),
         ("duplicate, gated, wrong size: near a marker, and not its blob", colour(BlobUse::Gated)),
         ("all others: near no marker, or not looked at", colour(BlobUse::Unassigned)),
