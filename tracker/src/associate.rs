@@ -2,7 +2,7 @@
 //! and Mahalanobis distance, nearest first, each blob and each marker once in a camera-field.
 
 use crate::constants as k;
-use crate::covers::Covers;
+use crate::covers::{Covers, shift_px};
 use crate::fit::{BlobMatch, MAX_MATCHES};
 use crate::lines::{BodyInField, MotionGivenPose};
 use crate::observation::{FieldObservation, camera_of, marker_covariance};
@@ -133,7 +133,7 @@ impl Default for Associator {
         Associator {
             candidates: Vec::with_capacity(MAX_CANDIDATES),
             near: Vec::with_capacity(MAX_CANDIDATES),
-            covers: Covers::default(),
+            covers: Covers::with_capacity(),
             spare: (0..ASSOCIATIONS).map(|_| Association::default()).collect(),
         }
     }
@@ -218,7 +218,7 @@ impl Associator {
         let placed = BodyInField::new(input.rig, camera, &predicted.pose, &predicted.motion, dt_s);
         for (marker, m) in input.rig.bodies[body].markers.iter().enumerate() {
             let Some((image, pose)) = placed.image(m, model) else { continue };
-            let shift_px = self.covers.shift_px(body, m.colour, &image, model);
+            let hidden = self.covers.hidden_share(body, m.colour, &image, model);
             let jacobian = pose_jacobian(&image, &pose);
             let at_s = placed.dt_s(image.pixel.y);
             let by_pose = predicted.given.map_or(jacobian, |given| given.jacobian(&jacobian, at_s));
@@ -233,6 +233,7 @@ impl Associator {
                 let Some(covariance) = marker_covariance(seen, &image, area_scale, k::AREA_RATIO) else {
                     continue;
                 };
+                let shift_px = shift_px(hidden, seen, &image, area_scale);
                 let covariance = covariance + Matrix2::identity() * (shift_px * shift_px);
                 let Some(inverse) = (spread + covariance * predicted.variance_scale).try_inverse() else {
                     continue;

@@ -20,6 +20,8 @@ pub const AREA_SHIFT: f64 = 0.8;
 pub const SHAFT_IN_EYE_MM: f64 = 22.0;
 /// Largest standard deviation of the shift of a marker that something is predicted to hide in part, radii.
 pub const COVERED_SHIFT: f64 = 0.6;
+/// Of the share that is predicted to be hidden, what at least must miss in a blob's area, and its tolerance.
+pub const COVERED_AREA: (f64, f64) = (0.3, 0.02);
 /// Range of the ratio of areas of a blob and its marker.
 pub const AREA_RATIO: (f64, f64) = (0.15, 1.7);
 /// The same range before the camera's scale of areas is estimated.

@@ -8,10 +8,11 @@
 use crate::associate::PredictedBody;
 use crate::constants as k;
 use crate::lines::BodyInField;
+use crate::observation::BlobObservation;
 use crate::projection::{MarkerImage, project_point};
 use crate::rig_model::RigModel;
 use nalgebra::Vector2;
-use protocol::limits::BODIES;
+use protocol::limits::{BODIES, MAX_MARKERS};
 use rig::camera::Camera;
 
 /// Everything that may hide a marker, in the picture of one camera-field; its memory is reused.
@@ -43,6 +44,11 @@ struct Disc {
 }
 
 impl Covers {
+    /// Nothing, with room for all bodies.
+    pub fn with_capacity() -> Self {
+        Covers { shafts: Vec::with_capacity(BODIES), discs: Vec::with_capacity(BODIES * MAX_MARKERS) }
+    }
+
     /// Looks where the predicted bodies are `dt_s` seconds after the instant of the prediction.
     pub fn renew(
         &mut self,
@@ -69,18 +75,26 @@ impl Covers {
         }
     }
 
-    /// Standard deviation by which what is seen of a marker may lie beside its centre, px; 0 where nothing touches it.
-    pub fn shift_px(&self, body: usize, colour: u32, image: &MarkerImage, camera: &Camera) -> f64 {
+    /// Share of a marker that is predicted to be hidden; 0 where nothing touches it.
+    pub fn hidden_share(&self, body: usize, colour: u32, image: &MarkerImage, camera: &Camera) -> f64 {
         let (centre, radius, depth) = (image.pixel, image.radius_px, camera.in_camera(&image.point).z);
         let by_shafts =
             self.shafts.iter().filter(|s| s.body != body).map(|s| s.depth_over(&centre, radius, depth));
         let by_discs = self.discs.iter().filter(|d| d.colour != colour && d.depth < depth);
         let by_discs = by_discs.map(|d| d.radius + radius - (d.centre - centre).norm());
         let deepest = by_shafts.chain(by_discs).fold(0.0, f64::max);
-        // What a straight edge cuts off at depth h (in radii) is 4√2/3π·h^1.5 of a disc, near its rim.
+        // What a straight edge cuts off at depth h (in radii) is 4√2/3π·h^1.5 of a disc.
         let depth = deepest / radius;
-        radius * (0.6 * depth * libm::sqrt(depth)).min(k::COVERED_SHIFT)
+        (0.6 * depth * libm::sqrt(depth)).min(1.0)
     }
+}
+
+/// Standard deviation by which the blob of a marker may lie beside its centre, px, where a share of it is predicted to be
+/// hidden: what is cut off lies near the rim. A blob without that loss of area is whole, and the prediction wrong.
+pub fn shift_px(hidden: f64, blob: &BlobObservation, image: &MarkerImage, area_scale: f64) -> f64 {
+    let lost = 1.0 - blob.area_px / (image.area_px * area_scale);
+    let (share, tolerance) = k::COVERED_AREA;
+    if lost < share * hidden - tolerance { 0.0 } else { image.radius_px * hidden.min(k::COVERED_SHIFT) }
 }
 
 impl Shaft {
@@ -158,17 +172,17 @@ mod tests {
         let camera = camera();
         let marker = image(&camera, Vector2::new(300.0, 200.0), 8.0);
         let tip = Vector2::new(200.0, 203.0);
-        let shift = |shafts, discs| Covers { shafts, discs }.shift_px(0, 1, &marker, &camera);
+        let share = |shafts, discs| Covers { shafts, discs }.hidden_share(0, 1, &marker, &camera);
         let disc =
             |colour, depth| vec![Disc { centre: Vector2::new(306.0, 200.0), radius: 8.0, depth, colour }];
-        assert!(shift(vec![shaft(1, tip, 0.0, 3.0, 70.0)], vec![]) > 1.0);
-        assert_eq!(shift(vec![shaft(1, tip, 0.0, 3.0, 90.0)], vec![]), 0.0);
-        assert_eq!(shift(vec![shaft(0, tip, 0.0, 3.0, 70.0)], vec![]), 0.0);
-        assert_eq!(shift(vec![shaft(1, tip, 0.3, 3.0, 70.0)], vec![]), 0.0);
-        assert!(shift(vec![], disc(2, 70.0)) > 1.0);
-        assert_eq!(shift(vec![], disc(2, 90.0)), 0.0);
+        assert!(share(vec![shaft(1, tip, 0.0, 3.0, 70.0)], vec![]) > 0.1);
+        assert_eq!(share(vec![shaft(1, tip, 0.0, 3.0, 90.0)], vec![]), 0.0);
+        assert_eq!(share(vec![shaft(0, tip, 0.0, 3.0, 70.0)], vec![]), 0.0);
+        assert_eq!(share(vec![shaft(1, tip, 0.3, 3.0, 70.0)], vec![]), 0.0);
+        assert!(share(vec![], disc(2, 70.0)) > 0.1);
+        assert_eq!(share(vec![], disc(2, 90.0)), 0.0);
         assert_eq!(
-            shift(vec![], disc(1, 70.0)),
+            share(vec![], disc(1, 70.0)),
             0.0,
             "of one colour they are one blob, which its width shows"
         );
@@ -190,7 +204,8 @@ mod tests {
             } else {
                 covers.shafts.push(shaft(1, centre + at - along * 150.0, angle, half, 70.0));
             }
-            let sigma = covers.shift_px(0, 1, &image(&camera, centre, radius), &camera);
+            let image = image(&camera, centre, radius);
+            let sigma = radius * covers.hidden_share(0, 1, &image, &camera).min(k::COVERED_SHIFT);
             let hides = |p: &Vector2<f64>| {
                 if of_disc { (p - at).norm() < half } else { (p - at).dot(&across).abs() < half }
             };

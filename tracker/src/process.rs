@@ -28,9 +28,10 @@ use rig::Rig;
 use saving::Saving;
 use std::collections::VecDeque;
 
-/// Fields taken in a turn. Where they come as fast as they are tracked there is no last one, and a turn that takes long
-/// because other programs interrupt it would count as a sleep, after which fields are passed over.
-const FIELDS_A_TURN: usize = MAX_FIELDS_USED;
+/// Fields taken in a turn. Where they come as fast as they are tracked there is no last one, and a turn without an end
+/// would count as a sleep, after which fields are passed over. Requests wait for the end of a turn, so that they find tracked
+/// what was sent before them.
+const FIELDS_A_TURN: usize = 8 * MAX_FIELDS_USED;
 
 /// Runs the tracker until it is asked to stop.
 ///

@@ -106,7 +106,7 @@ fn every_stream_goes_on_to_the_same_bits_from_any_frame() {
 
 #[test]
 fn a_camera_that_is_being_resected_is_resected_on() {
-    let stream = moved("tremor");
+    let stream = moved("async");
     let mut tracker = Tracker::new(&stream.rig);
     told(&mut tracker, &stream.frames[..MOVED_AT + 30]);
     let mut bytes = Vec::new();
