@@ -82,7 +82,7 @@ pub fn run(args: &BlobsArgs) -> Result<()> {
     let bar = progress::counter("pictures");
     let mut n = 0;
     while args.pictures_at_most.is_none_or(|most| n < most)
-        && let Some(Found { shot, blobs, boxes }) = finder.next()?
+        && let Some(Found { shot, blobs, boxes }) = finder.next_picture()?
     {
         line(&mut out, &write_blobs(&shot.head, blobs), shot.is_live)
             .with_context(|| format!("cannot write {}", name.display()))?;

@@ -38,7 +38,7 @@ impl<'a> Finder<'a> {
     ///
     /// # Errors
     /// A picture that cannot be read.
-    pub fn next(&mut self) -> Result<Option<Found<'_>>> {
+    pub fn next_picture(&mut self) -> Result<Option<Found<'_>>> {
         let Some(mut shot) = self.source.take()? else { return Ok(None) };
         if shot.is_live {
             (shot.head.t_ns, shot.head.t_rx_ns) = (now(), now());
@@ -65,7 +65,7 @@ pub fn fields_of_pixels(
     let source = Source::open(&[path.to_path_buf()], None, &tuning.reading(None, None, colours))?;
     let (mut finder, mut fields) = (Finder::new(source, colours, &tuning), Vec::new());
     let file = path.display().to_string();
-    while let Some(found) = finder.next()? {
+    while let Some(found) = finder.next_picture()? {
         // By way of the text, so that both agree to the bit.
         let line = write_blobs(&found.shot.head, found.blobs);
         fields.push(parse_line(&line, &file, fields.len() as u64 + 1)?);
