@@ -4,7 +4,7 @@
 use crate::constants as k;
 use crate::covers::{Covers, shift_px};
 use crate::fit::{BlobMatch, MAX_MATCHES};
-use crate::lines::{BodyInField, MotionGivenPose};
+use crate::lines::MotionGivenPose;
 use crate::observation::{FieldObservation, camera_of, marker_covariance};
 use crate::pose_math::Matrix6;
 use crate::projection::pose_jacobian;
@@ -211,29 +211,29 @@ impl Associator {
         field: &FieldObservation,
         predicted: &PredictedBody,
     ) {
-        let Some(model) = camera_of(input.rig, field) else { return };
         let (camera, dt_s) = (field.camera, input.dt_s(field));
         let area_scale = input.area_scales[camera];
         let Tuning { gate, gate_px, .. } = input.rig.tuning;
-        let placed = BodyInField::new(input.rig, camera, &predicted.pose, &predicted.motion, dt_s);
-        for (marker, m) in input.rig.bodies[body].markers.iter().enumerate() {
-            let Some((image, pose)) = placed.image(m, model) else { continue };
-            let hidden = self.covers.hidden_share(body, m.colour, &image, model);
-            let jacobian = pose_jacobian(&image, &pose);
-            let at_s = placed.dt_s(image.pixel.y);
+        let lines = &input.rig.lines[camera];
+        for expected in self.covers.markers(body) {
+            let (marker, image) = (expected.marker, &expected.image);
+            let colour = input.rig.bodies[body].markers[marker].colour;
+            let hidden = self.covers.hidden_share(expected);
+            let jacobian = pose_jacobian(image, &expected.pose);
+            let at_s = lines.dt_s(dt_s, image.pixel.y);
             let by_pose = predicted.given.map_or(jacobian, |given| given.jacobian(&jacobian, at_s));
             let mut spread = by_pose * predicted.covariance * by_pose.transpose();
             let unknown = predicted.given.map(|given| given.spread(&jacobian, at_s));
             unknown.into_iter().for_each(|unknown| spread += unknown);
             for (blob, seen) in field.blobs().iter().enumerate() {
                 let r = seen.pixel - image.pixel;
-                if seen.colour != m.colour || r.norm_squared() > gate_px * gate_px {
+                if seen.colour != colour || r.norm_squared() > gate_px * gate_px {
                     continue;
                 }
-                let Some(covariance) = marker_covariance(seen, &image, area_scale, k::AREA_RATIO) else {
+                let Some(covariance) = marker_covariance(seen, image, area_scale, k::AREA_RATIO) else {
                     continue;
                 };
-                let shift_px = shift_px(hidden, seen, &image, area_scale);
+                let shift_px = shift_px(hidden, seen, image, area_scale);
                 let covariance = covariance + Matrix2::identity() * (shift_px * shift_px);
                 let Some(inverse) = (spread + covariance * predicted.variance_scale).try_inverse() else {
                     continue;
@@ -243,8 +243,8 @@ impl Associator {
                 // a blob from winning because of its own uncertainty.
                 let growth = libm::log((covariance.determinant() / seen.covariance.determinant()).max(1.0));
                 if distance2 < gate && self.candidates.len() < MAX_CANDIDATES {
-                    let at_s = placed.dt_s(seen.pixel.y);
-                    let mut matched = BlobMatch::new(field, blob, marker, &image, covariance, at_s);
+                    let at_s = lines.dt_s(dt_s, seen.pixel.y);
+                    let mut matched = BlobMatch::new(field, blob, marker, image, covariance, at_s);
                     unknown.into_iter().for_each(|unknown| matched.covariance += unknown);
                     self.candidates.push(Candidate { cost: distance2 + growth, body, matched });
                 } else if r.norm_squared() < k::NEAR_PX * k::NEAR_PX && self.near.len() < MAX_CANDIDATES {

@@ -2,20 +2,20 @@
 //! colour.
 //!
 //! A marker that is hidden in part shows the centroid of the rest. Its area tells so only where a good part is gone: 2 %
-//! of an area are within its noise, and shift the centroid by several standard deviations of a blob. But where
-//! everything is predicted to be tells which markers are touched, and how deep.
+//! of an area are within its noise, and shift the centroid by several standard deviations of a blob. The predicted
+//! poses of all bodies show which markers are touched, and how deep.
 
 use crate::associate::PredictedBody;
 use crate::constants as k;
 use crate::lines::BodyInField;
 use crate::observation::BlobObservation;
-use crate::projection::{MarkerImage, project_point};
+use crate::projection::{MarkerImage, PoseMatrix, project_point};
 use crate::rig_model::RigModel;
 use nalgebra::Vector2;
 use protocol::limits::{BODIES, MAX_MARKERS};
 use rig::camera::Camera;
 
-/// Everything that may hide a marker, in the picture of one camera-field; its memory is reused.
+/// The markers of all predicted bodies in the picture of one camera-field, and what may hide them; its memory is reused.
 #[derive(Debug, Default)]
 pub struct Covers {
     shafts: Vec<Shaft>,
@@ -36,9 +36,14 @@ struct Shaft {
 
 /// A marker.
 #[derive(Debug)]
-struct Disc {
-    centre: Vector2<f64>,
-    radius: f64,
+pub struct Disc {
+    body: usize,
+    /// Index of the marker.
+    pub marker: usize,
+    /// Its image.
+    pub image: MarkerImage,
+    /// Pose of the body when it is seen.
+    pub pose: PoseMatrix,
     depth: f64,
     colour: u32,
 }
@@ -63,11 +68,10 @@ impl Covers {
             let Some(predicted) = predicted else { continue };
             let placed = BodyInField::new(rig, camera.id as usize, &predicted.pose, &predicted.motion, dt_s);
             let model = &rig.bodies[body];
-            for marker in &model.markers {
-                let Some((image, _)) = placed.image(marker, camera) else { continue };
+            for (marker, m) in model.markers.iter().enumerate() {
+                let Some((image, pose)) = placed.image(m, camera) else { continue };
                 let depth = camera.in_camera(&image.point).z;
-                let (centre, radius, colour) = (image.pixel, image.radius_px, marker.colour);
-                self.discs.push(Disc { centre, radius, depth, colour });
+                self.discs.push(Disc { body, marker, image, pose, depth, colour: m.colour });
             }
             if model.shaft_radius > 0.0 {
                 self.shafts.extend(Shaft::new(body, model.shaft_radius, &placed, camera));
@@ -75,13 +79,18 @@ impl Covers {
         }
     }
 
+    /// The markers of a body.
+    pub fn markers(&self, body: usize) -> impl Iterator<Item = &Disc> {
+        self.discs.iter().filter(move |d| d.body == body)
+    }
+
     /// Share of a marker that is predicted to be hidden; 0 where nothing touches it.
-    pub fn hidden_share(&self, body: usize, colour: u32, image: &MarkerImage, camera: &Camera) -> f64 {
-        let (centre, radius, depth) = (image.pixel, image.radius_px, camera.in_camera(&image.point).z);
-        let by_shafts =
-            self.shafts.iter().filter(|s| s.body != body).map(|s| s.depth_over(&centre, radius, depth));
-        let by_discs = self.discs.iter().filter(|d| d.colour != colour && d.depth < depth);
-        let by_discs = by_discs.map(|d| d.radius + radius - (d.centre - centre).norm());
+    pub fn hidden_share(&self, of: &Disc) -> f64 {
+        let (centre, radius) = (of.image.pixel, of.image.radius_px);
+        let by_shafts = self.shafts.iter().filter(|s| s.body != of.body);
+        let by_shafts = by_shafts.map(|s| s.depth_over(&centre, radius, of.depth));
+        let by_discs = self.discs.iter().filter(|d| d.colour != of.colour && d.depth < of.depth);
+        let by_discs = by_discs.map(|d| d.image.radius_px + radius - (d.image.pixel - centre).norm());
         let deepest = by_shafts.chain(by_discs).fold(0.0, f64::max);
         // What a straight edge cuts off at depth h (in radii) is 4√2/3π·h^1.5 of a disc.
         let depth = deepest / radius;
@@ -131,21 +140,15 @@ impl Shaft {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Matrix2x3, Point3};
+    use nalgebra::{Isometry3, Matrix2x3, Point3};
     use proptest::prelude::*;
-    use rig::Rig;
-
-    const DEPTH_MM: f64 = 80.0;
-
-    fn camera() -> Camera {
-        Rig::load_or_shipped(None).unwrap().cameras().remove(0)
-    }
 
     /// A marker whose image is a circle of so many pixels about `pixel`.
-    fn image(camera: &Camera, pixel: Vector2<f64>, radius_px: f64) -> MarkerImage {
-        let in_camera = nalgebra::Vector3::new(0.0, 0.0, DEPTH_MM) - camera.translation_mm;
-        let point = Point3::from(camera.camera_from_world.transpose() * in_camera);
-        MarkerImage { pixel, jacobian: Matrix2x3::zeros(), point, radius_px, area_px: 0.0 }
+    fn marker(pixel: Vector2<f64>, radius_px: f64, depth: f64, colour: u32) -> Disc {
+        let point = Point3::origin();
+        let image = MarkerImage { pixel, jacobian: Matrix2x3::zeros(), point, radius_px, area_px: 0.0 };
+        let pose = PoseMatrix::from(&Isometry3::identity());
+        Disc { body: 0, marker: 0, image, pose, depth, colour }
     }
 
     fn shaft(body: usize, tip: Vector2<f64>, angle: f64, half: f64, depth: f64) -> Shaft {
@@ -169,12 +172,10 @@ mod tests {
 
     #[test]
     fn what_lies_behind_or_beside_or_is_its_own_hides_nothing() {
-        let camera = camera();
-        let marker = image(&camera, Vector2::new(300.0, 200.0), 8.0);
+        let seen = marker(Vector2::new(300.0, 200.0), 8.0, 80.0, 1);
         let tip = Vector2::new(200.0, 203.0);
-        let share = |shafts, discs| Covers { shafts, discs }.hidden_share(0, 1, &marker, &camera);
-        let disc =
-            |colour, depth| vec![Disc { centre: Vector2::new(306.0, 200.0), radius: 8.0, depth, colour }];
+        let share = |shafts, discs| Covers { shafts, discs }.hidden_share(&seen);
+        let disc = |colour, depth| vec![marker(Vector2::new(306.0, 200.0), 8.0, depth, colour)];
         assert!(share(vec![shaft(1, tip, 0.0, 3.0, 70.0)], vec![]) > 0.1);
         assert_eq!(share(vec![shaft(1, tip, 0.0, 3.0, 90.0)], vec![]), 0.0);
         assert_eq!(share(vec![shaft(0, tip, 0.0, 3.0, 70.0)], vec![]), 0.0);
@@ -193,19 +194,17 @@ mod tests {
         fn what_remains_of_a_marker_lies_within_two_standard_deviations(
             offset in -14.0..14.0f64, half in 1.0..6.0f64, angle in 0.0..3.1f64, of_disc in any::<bool>(),
         ) {
-            let camera = camera();
             let (centre, radius) = (Vector2::new(300.0, 200.0), 8.0);
             let across = Vector2::new(-libm::sin(angle), libm::cos(angle));
             let along = Vector2::new(libm::cos(angle), libm::sin(angle));
             let at = across * offset;
             let mut covers = Covers::default();
             if of_disc {
-                covers.discs.push(Disc { centre: centre + at, radius: half, depth: 70.0, colour: 2 });
+                covers.discs.push(marker(centre + at, half, 70.0, 2));
             } else {
                 covers.shafts.push(shaft(1, centre + at - along * 150.0, angle, half, 70.0));
             }
-            let image = image(&camera, centre, radius);
-            let sigma = radius * covers.hidden_share(0, 1, &image, &camera).min(k::COVERED_SHIFT);
+            let sigma = radius * covers.hidden_share(&marker(centre, radius, 80.0, 1)).min(k::COVERED_SHIFT);
             let hides = |p: &Vector2<f64>| {
                 if of_disc { (p - at).norm() < half } else { (p - at).dot(&across).abs() < half }
             };

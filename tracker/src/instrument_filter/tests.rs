@@ -93,7 +93,7 @@ fn a_band_without_tremor_loses_its_variance() {
         f.predict(FIELD_NS * (n + 1), Some(pivot()));
         measure(&mut f, &through(tip(n as f64 * 0.02)), &(Matrix6::identity() * 1e-5));
     }
-    // 2 s: a running mean of E[x²] alone leaves a fifth of the lower band.
+    // After 2 s.
     assert!(f.hand.tremor_variance[0] < 0.05 * begun[0], "{:?} of {begun:?}", f.hand.tremor_variance);
 }
 
