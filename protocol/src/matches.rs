@@ -21,8 +21,8 @@ pub const NIS_95: f64 = 5.991;
 pub enum BlobUse {
     /// Measured a pose.
     Used = 0,
-    /// Measured a pose with a larger covariance: by its size or flags its marker is partly hidden, clipped
-    /// by the border of the frame, or merged with another.
+    /// Measured a pose with a larger covariance: by its size, its flags or what is predicted to lie before it, its
+    /// marker is partly hidden, clipped by the border of the frame, or merged with another.
     UsedInPart = 1,
     /// Matched, and rejected by the fit.
     Outlier = 2,
