@@ -206,8 +206,9 @@ impl Acquisition {
         let markers = kept().fold(0u32, |set, m| set | 1 << m.marker).count_ones();
         let cameras = kept().fold(0u32, |set, m| set | 1 << m.camera).count_ones();
         let good = markers >= 3 && cameras >= 2 && fit.blobs >= 6 && fit.outliers * 3 <= fit.blobs;
-        let close =
-            fit.reduced_chi2().is_some_and(|c| c < input.rig.tuning.bad_fit * k::ACQUISITION_VARIANCE);
+        // The eye's centre is known: cameras that disagree do not fit it.
+        let tolerance = if body.is_eye { 1.0 } else { k::ACQUISITION_VARIANCE };
+        let close = fit.reduced_chi2().is_some_and(|c| c < input.rig.tuning.bad_fit * tolerance);
         (good && close && is_plausible(input, body, &fit.pose)).then_some(fit)
     }
 
@@ -279,8 +280,14 @@ fn nearest_blob(
     let m = &body.markers[marker];
     let image = project_marker(m, pose, camera)?;
     let dt = input.time_ns.abs_diff(field.exposed_ns) as f64 * 1e-9;
-    let drift = k::ACQUISITION_SPEED_MM_S * dt * image.radius_px / m.radius;
-    let px_per_s = k::ACQUISITION_SPEED_MM_S * image.radius_px / m.radius;
+    // An eye turns about its centre, and slower than hands move.
+    let speed = if body.is_eye {
+        k::START_EYE_TURN_RAD_S * m.position.coords.norm()
+    } else {
+        k::ACQUISITION_SPEED_MM_S
+    };
+    let px_per_s = speed * image.radius_px / m.radius;
+    let drift = px_per_s * dt;
     let mut best: Option<(f64, BlobMatch)> = None;
     for (blob, seen) in field.blobs().iter().enumerate() {
         if seen.colour != m.colour || !field.is_unassigned(blob) {

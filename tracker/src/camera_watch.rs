@@ -229,9 +229,19 @@ impl CameraWatch {
         self.set(|s| !matches!(s, State::LeftOut { .. }))
     }
 
-    /// Set of the cameras of a group whose fields are tracked, as far as they do not jump.
-    pub fn admit(&self, input: &AssociationInput<'_>) -> u32 {
-        input.cameras & (self.in_use() | self.provisional(input))
+    /// Set of the cameras of a group whose fields are tracked, as far as they do not jump; `is_short` says that a
+    /// tracked body is not seen by two cameras in use.
+    pub fn admit(&self, input: &AssociationInput<'_>, is_short: bool) -> u32 {
+        let provisional = if is_short || !self.two_send(input) { self.provisional(input) } else { 0 };
+        input.cameras & (self.in_use() | provisional)
+    }
+
+    /// True if two cameras in use send fields.
+    pub fn two_send(&self, input: &AssociationInput<'_>) -> bool {
+        let sends = |c: &usize| {
+            input.time_ns.saturating_sub(input.fields[*c].exposed_ns) < input.rig.at_rate.silent_ns
+        };
+        members(self.in_use()).filter(sends).count() >= 2
     }
 
     /// Set of the cameras of a group whose fields do not jump. `matched` is the number of markers with a
@@ -270,13 +280,10 @@ impl CameraWatch {
         steady
     }
 
-    /// Set of the left-out cameras that are tracked with a provisional pose, because fewer than two others
-    /// send fields.
-    fn provisional(&self, input: &AssociationInput<'_>) -> u32 {
-        let sends = |c: &usize| {
-            input.time_ns.saturating_sub(input.fields[*c].exposed_ns) < input.rig.at_rate.silent_ns
-        };
-        if !self.may_place(input.time_ns) || members(self.in_use()).filter(sends).count() >= 2 {
+    /// Set of the left-out cameras that have a provisional pose, with which they are tracked where the others do
+    /// not suffice.
+    pub fn provisional(&self, input: &AssociationInput<'_>) -> u32 {
+        if !self.may_place(input.time_ns) {
             return 0;
         }
         let known = |c: &usize| self.resections[*c].as_ref().is_some_and(|r| r.provisional().is_some());

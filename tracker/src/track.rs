@@ -154,6 +154,11 @@ impl Track {
         self.frame.near_misses += near_misses;
     }
 
+    /// Notes a fit that is refused.
+    pub fn refuse(&mut self) {
+        self.frame.bad_fit = true;
+    }
+
     /// Updates the filter with a fit. False if the fit was refused, as where its reduced χ² is too high.
     pub fn update(
         &mut self,
@@ -225,11 +230,17 @@ impl Track {
         self.frame.sum_squares_px2 += fit.sum_squares_px2;
         self.frame.whole += fit.whole;
         self.measured_ns = time_ns;
-        let seeing = |t: &&u64| **t > 0 && time_ns.saturating_sub(**t) <= at_rate.seen_ns;
-        let cameras = self.seen_ns.iter().filter(seeing).count();
-        if cameras >= 2 {
+        if self.seeing(u32::MAX, time_ns, at_rate) >= 2 {
             self.good_ns = time_ns;
         }
+    }
+
+    /// How many of the cameras in a set see the body.
+    pub fn seeing(&self, cameras: u32, time_ns: u64, at_rate: &RateConstants) -> usize {
+        let sees = |(c, t): &(usize, &u64)| {
+            cameras & (1 << c) != 0 && **t > 0 && time_ns.saturating_sub(**t) <= at_rate.seen_ns
+        };
+        self.seen_ns.iter().enumerate().filter(sees).count()
     }
 
     /// Notes the instant if a marker beside the shaft gave the roll.

@@ -52,18 +52,41 @@ pub fn of_field(
         *slot = Some(Offset { body: s.body, px: offset, jacobian });
     }
     let offsets = &offsets[..count];
+    by_all(offsets, predicted).or_else(|| by_eye(offsets, predicted))
+}
+
+/// The same, where most markers and two bodies agree on one turn and shift, or the eye alone is tracked.
+fn by_all(offsets: &[Option<Offset>], predicted: &[Option<PredictedBody>; BODIES]) -> Option<f64> {
+    let count = offsets.len();
+    let (px, agreeing) = common_move(offsets)?;
+    let all: usize = agreeing.iter().sum();
+    let bodies = agreeing.iter().filter(|n| **n >= 2).count();
+    let eye_alone = predicted.iter().enumerate().all(|(body, p)| p.is_none() == (body != EYE));
+    let enough = 5 * all >= 3 * count && all >= k::KNOCK_JUMP_MARKERS;
+    (enough && (bodies >= 2 || eye_alone) && px > k::KNOCK_JUMP_PX).then_some(px)
+}
+
+/// The same, by the eye, which [`eye_jumps`] found to be predicted well: instruments that follow the moved
+/// camera in part are not.
+fn by_eye(offsets: &[Option<Offset>], predicted: &[Option<PredictedBody>; BODIES]) -> Option<f64> {
+    predicted[EYE].as_ref()?;
+    let mut of_eye = [None; MAX_MARKERS];
+    let own = offsets.iter().flatten().filter(|o| o.body == EYE);
+    let count = of_eye.iter_mut().zip(own).map(|(slot, o)| *slot = Some(*o)).count();
+    let (px, agreeing) = common_move(&of_eye[..count])?;
+    (agreeing[EYE] >= k::KNOCK_JUMP_MARKERS && px > k::KNOCK_JUMP_PX).then_some(px)
+}
+
+/// Mean distance by which the common turn and shift moves the markers, px, and how many of each body agree
+/// with it.
+fn common_move(offsets: &[Option<Offset>]) -> Option<(f64, [usize; BODIES])> {
     let delta = robust_move(offsets)?;
     let mut agreeing = [0; BODIES];
     for o in offsets.iter().flatten() {
         agreeing[o.body] += usize::from((o.px - o.jacobian * delta).norm() < k::KNOCK_AGREES_PX);
     }
-    let all: usize = agreeing.iter().sum();
-    let bodies = agreeing.iter().filter(|n| **n >= 2).count();
-    let eye_alone = predicted.iter().enumerate().all(|(body, p)| p.is_none() == (body != EYE));
-    let enough = 5 * all >= 3 * count && all >= k::KNOCK_JUMP_MARKERS;
     let moved: f64 = offsets.iter().flatten().map(|o| (o.jacobian * delta).norm()).sum();
-    let px = moved / count as f64;
-    (enough && (bodies >= 2 || eye_alone) && px > k::KNOCK_JUMP_PX).then_some(px)
+    Some((moved / offsets.len().max(1) as f64, agreeing))
 }
 
 /// Collects the markers that a field shows whole; returns their number.

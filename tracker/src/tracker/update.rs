@@ -64,7 +64,10 @@ impl Tracker {
     /// The group without the fields of cameras that are left out.
     pub(super) fn admit(&self, group: Group) -> Group {
         let input = group.input(&self.rig, &self.fields, &self.area_scales);
-        Group { cameras: self.watch.as_ref().map_or(group.cameras, |w| w.admit(&input)), ..group }
+        let Some(watch) = self.watch.as_ref().filter(|w| w.left_out() != 0) else { return group };
+        let (in_use, at_rate) = (watch.in_use(), &self.rig.at_rate);
+        let is_short = |t: &Track| t.filter.is_some() && t.seeing(in_use, group.time_ns, at_rate) < 2;
+        Group { cameras: watch.admit(&input, self.tracks.iter().any(is_short)), ..group }
     }
 
     /// Judges the evidence about the cameras, and resects those that are left out.
@@ -88,9 +91,12 @@ impl Tracker {
         let acquire_after_ns = self.rig.at_rate.acquire_after_ns;
         let fresh = |track: &Track| group.time_ns.saturating_sub(track.good_ns) <= acquire_after_ns;
         for camera in members(watch.left_out() & group.seen) {
-            let bodies =
-                std::array::from_fn(|b| self.tracks[b].predicted().filter(|_| fresh(&self.tracks[b])));
             let input = group.input(&self.rig, &self.fields, &self.area_scales);
+            // What is located with the camera's own provisional pose says nothing about it.
+            let (in_use, any) = (watch.in_use(), !watch.two_send(&input));
+            let by_others = |t: &Track| any || t.seeing(in_use, group.time_ns, &self.rig.at_rate) >= 2;
+            let located = |t: &&Track| fresh(t) && by_others(t);
+            let bodies = std::array::from_fn(|b| Some(&self.tracks[b]).filter(located)?.predicted());
             if let Some(found) = watch.resect(camera, &input, &bodies) {
                 self.rig.cameras[camera] = Some(found);
                 if let Some(drift) = &mut self.drift {
@@ -256,8 +262,14 @@ impl Tracker {
     ) -> Option<PoseFit> {
         let fit = estimate.fits[body]?;
         let matches = &estimate.association.matches[body];
-        let track = &mut self.tracks[body];
-        track.count_near_misses(estimate.association.beside(body));
+        let (track, beside) = (&mut self.tracks[body], estimate.association.beside(body));
+        track.count_near_misses(beside);
+        // The eye is predicted well: where most of its blobs lie beside its markers, the camera was moved, and the
+        // few that match by chance would turn the eye.
+        if body == EYE && fit.outliers + beside as usize > fit.blobs {
+            track.refuse();
+            return None;
+        }
         if !track.update(&fit, prior_information, matches, group.time_ns, &self.rig) {
             return None;
         }
@@ -300,7 +312,8 @@ impl Tracker {
 
     /// Searches bodies that are lost, or soon will be, among the blobs that no body took.
     pub(super) fn acquire(&mut self, group: Group, used: &[BlobField]) {
-        let trusted = !self.watch.as_ref().map_or(0, |w| w.left_out());
+        let input = group.input(&self.rig, &self.fields, &self.area_scales);
+        let trusted = self.watch.as_ref().map_or(u32::MAX, |w| w.in_use() | w.provisional(&input));
         for body in ORDER {
             let needs_trocar =
                 body != EYE && !self.rig.distinct_colours && self.trocar(body, &[None; BODIES]).is_none();

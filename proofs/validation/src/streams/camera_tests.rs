@@ -85,6 +85,34 @@ fn cameras_of_different_rates_are_tracked_near_the_bound_of_all_their_blobs() {
     }
 }
 
+/// Where fields come one camera after another, a camera that never stood where the rig file has it takes part in
+/// the acquisition. Its fields must turn neither the eye nor the instruments: they did, by up to 3 mm, for 0.3 s.
+#[test]
+fn a_camera_that_stands_elsewhere_from_the_start_leads_no_pose_astray() {
+    let rig = Rig::load_or_shipped(None).unwrap();
+    let mut compared = 0;
+    for (seed, id) in [(7001, 2), (7002, 0), (7007, 2), (7010, 2)] {
+        let turn = nalgebra::Vector3::new(0.6, -0.75, 0.28) * (2.0 / rig.cameras()[id].focal_px.x);
+        let knock = Knock {
+            camera: id as u32,
+            at_s: 0.0,
+            turn,
+            shift_mm: nalgebra::Vector3::zeros(),
+            goes_on: false,
+        };
+        let stream = Recipe { scenario: Scenario::Async, seed, seconds: 4.0, knocks: vec![knock] }.draw(&rig);
+        let score = Score::of(&Tracked::of(&stream), &stream, 0.1, 3.8);
+        let [tip, eye] = [&score.tips_um, &score.eye_mrad].map(|all| all.iter().copied().fold(0.0, f64::max));
+        println!(
+            "seed {seed}, camera {id}: tips to {tip:.0} µm, eye to {eye:.1} mrad, {:.4}",
+            score.coverage()
+        );
+        assert!(tip < 250.0 && eye < 2.0 && score.coverage() >= 0.99, "seed {seed}, camera {id}");
+        compared += score.tips_um.len();
+    }
+    assert!(compared > 1_000, "{compared} tips were compared");
+}
+
 /// A camera of 50 Hz beside two of 200 that was knocked is found, placed and taken back as any other.
 #[test]
 fn a_slow_camera_that_was_knocked_is_found_and_taken_back() {
