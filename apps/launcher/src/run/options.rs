@@ -9,7 +9,7 @@ use super::field_trace::TraceOutArgs;
 use super::policy::MAX_RESTARTS;
 use super::recorder;
 use crate::modules::Composed;
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use clap::ArgGroup;
 use ipc::logging::inform;
 use outputs::{Force, Outputs, STILLS, numbered};
@@ -366,6 +366,19 @@ impl RunArgs {
             (_, true, _) | (_, _, false) => View::Headless,
             _ => View::Window,
         }
+    }
+
+    /// Checks that a person at the desk has a picture.
+    ///
+    /// # Errors
+    /// Where mouse and keyboard are the inputs and there is no display.
+    pub fn check_display(&self, has_display: bool) -> anyhow::Result<()> {
+        let needed = self.desk.as_ref().is_some_and(|desk| desk.inputs.is_none());
+        ensure!(
+            has_display || !needed,
+            "no display: mouse and keyboard need the picture's window; use --inputs FILE instead"
+        );
+        Ok(())
     }
 
     /// Latency budgets: the shipped table at the rig's rate, overridden by the file and the chosen
