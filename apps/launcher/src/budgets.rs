@@ -19,9 +19,9 @@ pub struct BudgetsArgs {
     /// Number of reports that must keep all budgets [default: all of them].
     #[arg(long, value_name = "N")]
     pub at_least: Option<usize>,
-    /// Excuse overruns explained by other programs: if they took the fraction s of the processors, times up
-    /// to budget / (1 − s) and the fraction s of frames below the lowest tier are excused. A report without a
-    /// measured load is excused nothing.
+    /// Excuse overruns that the load of other programs explains. If they took the fraction s of the processors'
+    /// time, times up to budget / (1 − s) are excused, and frames below the lowest permitted tier up to the fraction
+    /// s of all. A report that contains no load is excused nothing.
     #[arg(long)]
     pub forgive_load: bool,
     /// Print one sentence per report, without tables.
