@@ -7,7 +7,7 @@ use clap::Parser;
 use fpga_model::commands::blobs::{self, BlobsArgs};
 use nalgebra::Vector3;
 use painted::{displaced, places_off, record_pixels, stream, tips_um};
-use rig::Rig;
+use rig::{Rig, Trocar};
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -41,13 +41,13 @@ fn a_check_by_pixels_says_what_one_by_their_blobs_says() {
     assert!(output.status.code() == Some(1) && told.contains("wave.mcap, camera 0, picture "), "{told}");
 }
 
-/// Runs a step; the rig that it leaves in the folder.
-fn rig_after(args: &[&str]) -> Rig {
+/// Runs a step; the rig that it leaves in the folder, and what it printed.
+fn rig_after(args: &[&str]) -> (Rig, String) {
     let output = commission(args);
     let [out, err] = [&output.stdout, &output.stderr].map(|b| String::from_utf8_lossy(b).into_owned());
     assert!(output.status.success(), "{args:?}: {err}");
     println!("{out}{err}");
-    Rig::load(&Path::new(args[0]).join("rig.json")).unwrap()
+    (Rig::load(&Path::new(args[0]).join("rig.json")).unwrap(), out + &err)
 }
 
 #[test]
@@ -63,20 +63,22 @@ fn poses_and_trocars_from_pixels_are_those_of_the_rig_that_painted_them() {
 
     // Judged by the blobs of the same motion, with noise of their own.
     let seen = stream(&truth, 6.0);
-    let posed = rig_after(&[&new, "--rig", &begin, "poses", "--from", &pixels]);
-    let [before_um, found_um, true_um] = [&off, &posed, &truth].map(|rig| tips_um(rig, &seen));
-    println!("tips {before_um:.1} µm before, {found_um:.1} after, {true_um:.1} with the true rig");
+    let (posed, _) = rig_after(&[&new, "--rig", &begin, "poses", "--from", &pixels]);
+    let [found_um, true_um] = [&posed, &truth].map(|rig| tips_um(rig, &seen));
+    println!("tips {found_um:.1} µm after, {true_um:.1} with the true rig");
     println!(
         "poses {:.3?} before, {:.3?} after, mm, mrad",
         places_off(&off, &truth),
         places_off(&posed, &truth)
     );
-    assert!(before_um > 4.0 * true_um && found_um < 1.5 * true_um + 1.0, "{found_um} µm");
+    assert!(found_um < 1.5 * true_um + 1.0, "{found_um} µm");
 
-    let rig = rig_after(&[&new, "trocars", "--from", &pixels]);
-    for (trocar, found) in truth.trocars.iter().zip(&rig.trocars) {
-        let mm = (Vector3::from(trocar.p_eye) - Vector3::from(found.p_eye)).norm();
-        println!("trocar of {}: {mm:.3} mm off", trocar.body);
-        assert!(mm < 0.05, "{mm} mm");
-    }
+    let (rig, told) = rig_after(&[&new, "trocars", "--from", &pixels]);
+    let mm = |a: &Trocar, b: &Trocar| (Vector3::from(a.p_eye) - Vector3::from(b.p_eye)).norm();
+    let [first, second] = [0, 1].map(|i| mm(&rig.trocars[i], &truth.trocars[i]));
+    println!("trocars {first:.3} and {second:.3} mm off");
+    assert!(first < 0.03, "{first} mm");
+    // In these seconds the light pipe hardly tilts.
+    assert!(told.contains("inst1: degenerate geometry: the shaft was tilted by"), "{told}");
+    assert_eq!(rig.trocars[1], off.trocars[1]);
 }

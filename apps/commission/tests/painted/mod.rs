@@ -137,14 +137,13 @@ pub fn before(camera: &Camera, i: usize) -> Isometry3<f64> {
     pose.inverse() * in_camera
 }
 
-/// Pose `i` of a board where the eye will be, seen by all cameras from above.
+/// Pose `i` of a board where the eye will be, seen by all cameras.
 pub fn together(i: usize) -> Isometry3<f64> {
     let t = i as f64;
-    // The cameras are at +z and the board's z leads away from the viewer.
-    let up = turn(std::f64::consts::PI, 0.0, 0.0);
+    // The cameras are at −z: the board's z leads away from them.
     let tilt = turn(0.2 * (1.7 * t).sin(), 0.2 * (2.3 * t).cos(), 0.9 * t);
     let place = Vector3::new(3.0 * (1.1 * t).sin(), 2.5 * (1.9 * t).cos(), 2.0 * (0.7 * t).sin());
-    Isometry3::from_parts(Translation3::from(place), tilt * up)
+    Isometry3::from_parts(Translation3::from(place), tilt)
 }
 
 /// Writes pictures of a board into folders `cam0`, `cam1`, …
