@@ -22,8 +22,8 @@ pub struct RigFileArgs {
 /// What there is to do with a rig file.
 #[derive(Debug, Clone, clap::Subcommand)]
 pub enum RigTask {
-    /// Check how much of the workspace the cameras cover, how accurately they measure tips there, and whether the rig
-    /// file lacks anything; exit code 5 if it does.
+    /// Check how much of the workspace the cameras cover and how accurately they measure tips there; exit code 5 if either
+    /// is not enough.
     Check(CheckArgs),
 }
 
