@@ -44,7 +44,7 @@ PACKAGE_C_FLAGS ?= -ffile-prefix-map=$(CARGO_FOLDER)=/cargo -ffile-prefix-map=$(
 DEB = target/debian/vitreo_$(VERSION)-1_$$(dpkg --print-architecture).deb
 INSTALL := DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
-help: ## List the targets
+help: ## List the targets; settings in brackets are optional, as in make latency LATENCY="--duration 60"
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: ## Install missing tools: C and C++ compilers, Python, a Vulkan driver, Rust
@@ -81,7 +81,7 @@ demo: setup ## Run 20 s of surgery and check its latency; writes a recording, a 
 	echo "  report      out/report.json   every figure of the run"; echo
 	@$(RELEASE) budgets out/report.json --forgive-load --brief
 
-demo-repeat: setup ## Run the demo's latency check 20 times in a row (RUNS=10 BESIDE=50: beside a program that takes half a core)
+demo-repeat: setup ## Run the demo's latency check 20 times in a row (RUNS=10; BESIDE=50 runs a program beside it that takes half a core)
 	cargo build --release
 	RUNS="$(RUNS)" BESIDE="$(BESIDE)" VITREO=$(TARGET)/release packaging/tools/demo-repeat
 
@@ -168,7 +168,7 @@ test-drivers: setup setup-python ## Kill a driver 100 times during a run, and in
 	.venv/bin/python -m pip install -q --force-reinstall ./drivers/python
 	VITREO_LIBRARY=$(abspath $(TARGET))/release/libvitreo.so .venv/bin/python -c 'import vitreo; print("vitreo", vitreo.now())'
 
-test-viewers: test-python ## Convert that recording for Rerun, and check every channel (installs 800 MB)
+test-viewers: test-python ## Convert the recording of test-python for Rerun, and check every channel (installs 800 MB)
 	.venv/bin/python -m pip install -q -r tests/python/requirements-rerun.txt
 	.venv/bin/python tests/python/rerun_recording.py out/python.mcap out/rerun
 
@@ -183,7 +183,7 @@ fleet: setup
 test-slurm: fleet ## Score 1,000 recordings with Slurm on this machine (installed if missing) while workers are killed
 	VITREO=$(TARGET)/release packaging/tools/test-slurm
 
-test-s3: fleet setup-python ## Score 1,000 recordings from an object store on this machine, with killed workers, lost and refused objects
+test-s3: fleet setup-python ## Score 1,000 recordings from an object store on this machine while workers are killed and objects are lost or refused
 	.venv/bin/pip install -q -r tests/python/requirements-s3.txt
 	cargo test --release -p replay --features object-store --lib objects
 	cargo build --release -p replay --features object-store
@@ -203,7 +203,7 @@ bench: setup ## Run the benchmarks, and measure latency and CPU cost without and
 	$(RELEASE) run --no-picture --instance bench --duration 30 --force --report out/bench-no-picture.json
 	$(RELEASE) run --headless --instance bench --duration 30 --force --report out/bench-headless.json
 
-bench-score: setup ## Measure the speed of scoring on one core, without and with simulating again
+bench-score: setup ## Measure the speed of scoring on one core, without and with --resimulate
 	cargo build --release
 	@mkdir -p out/score
 	for m in $(SCORED); do \
@@ -241,7 +241,7 @@ vectors: setup ## Renew the test vectors of the camera hardware; give the reason
 	cargo run --release -p fpga-model -- vectors --force fpga-model/vectors
 
 # Programs that vitreo starts lie beside it; on the path is a link.
-programs: setup ## Build the programs for use (OBJECT_STORE=1: vitreo score takes s3:// addresses)
+programs: setup ## Build the programs to be installed (OBJECT_STORE=1: with s3:// addresses in vitreo score)
 	cargo build --release --bins --lib $(if $(OBJECT_STORE),--features replay/object-store)
 
 # Building belongs to who calls, also under sudo; only putting files into PREFIX may need more.
@@ -322,7 +322,7 @@ sbom: ## Write the software bill of materials (CycloneDX) to out/
 reproducible: ## Build the package in two folders and compare every byte
 	TOOLS=$(TOOLS) packaging/tools/reproducible
 
-deny: ## Check licences, sources, bans and advisories of all dependencies (ADVISORIES=skip: without the last)
+deny: ## Check licences, sources, bans and advisories of all dependencies (ADVISORIES=skip omits the advisories)
 	@$(call tool,cargo-deny,0.20.2)
 	packaging/tools/deny $(TOOLS)/bin/cargo-deny
 

@@ -33,6 +33,7 @@ pub mod bindings;
 pub mod blobs;
 pub mod budget;
 pub mod checkpoints;
+pub mod condition;
 pub mod contain;
 pub mod control;
 pub mod controls;

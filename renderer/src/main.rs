@@ -33,7 +33,7 @@ enum Command {
 
 #[derive(Debug, clap::Subcommand)]
 enum Bench {
-    /// Cost of a stereo frame, by tier and layer.
+    /// Measure the time of a stereo frame, by quality tier and layer.
     Render(bench::RenderArgs),
 }
 

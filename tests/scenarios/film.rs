@@ -45,6 +45,10 @@ fn a_film_has_every_picture_and_its_stills() {
 fn what_cannot_be_filmed_is_refused() {
     let missing = vitreo(&["film", "juggling", "-o", "/nowhere/f.y4m"]).expect_code(2).stderr;
     assert!(missing.contains("juggling") && missing.contains("peeling"), "{missing}");
+    for absent in ["/nowhere/a.mcap", "/nowhere/module", "a.mkv"] {
+        let missing = vitreo(&["film", absent]).expect_code(1).stderr;
+        assert!(missing.contains(absent), "{missing}");
+    }
     let nobody = vitreo(&["film", "peeling", "--surgeon", "genius"]).expect_code(2).stderr;
     assert!(nobody.contains("expert, average, novice"), "{nobody}");
     vitreo(&["film", "peeling", "--length", "-3"]).expect_code(2);

@@ -158,4 +158,16 @@ fn inputs_that_make_no_sense_are_refused_by_file_and_line() {
     assert!(module.contains("juggling") && module.contains("navigation"), "{module}");
     let level = play(&["navigation", "--level", "9", "--inputs", INPUTS]).expect_code(2).stderr;
     assert!(level.contains("1 to 3") && level.contains('9'), "{level}");
+    // What is wrong with the arguments is reported before a missing display is.
+    for (words, code, expected) in [
+        (&["juggling"][..], 2, "juggling"),
+        (&["navigation", "--level", "9"], 2, "1 to 3"),
+        (&["--scene", "garden"], 2, "garden"),
+        (&["--scene", "/nowhere/s.toml"], 1, "/nowhere/s.toml"),
+        (&["--rig", "/nowhere/rig.json"], 1, "/nowhere/rig.json"),
+    ] {
+        let refused = vitreo(&[&["play", "--instance", &instance_name()], words].concat());
+        let refused = refused.expect_code(code).stderr;
+        assert!(refused.contains(expected), "{words:?}: {refused}");
+    }
 }

@@ -103,9 +103,9 @@ impl Seen {
         }
         if found < FEWEST {
             let what = if 2 * self.parts_only > all - found {
-                "keep all of its corners in the picture, and check --board"
+                "keep all of it in the picture, and check --board or --charuco"
             } else {
-                "move it nearer, light it evenly, and check --board"
+                "move it nearer, light it evenly, and check --board or --charuco"
             };
             return vec![format!(
                 "camera {id} saw the board in {found} of {all} pictures, at least {FEWEST} are needed: {what}"
@@ -197,9 +197,12 @@ mod tests {
         assert_eq!(
             say(seen(middle(3), 40, 2)),
             "camera 2 saw the board in 3 of 40 pictures, at least 8 are needed: move it nearer, light it evenly, and \
-             check --board"
+             check --board or --charuco"
         );
-        assert!(say(seen(middle(3), 40, 30)).contains("keep all of its corners in the picture"));
+        assert!(
+            say(seen(middle(3), 40, 30))
+                .contains("keep all of it in the picture, and check --board or --charuco")
+        );
         assert!(say(seen(middle(5), 5, 0)).contains("5 pictures, at least 8 are needed: take 20"));
         let small = (0..9).map(|v| sheet([80.0 * v as f64, 60.0 * v as f64], 30.0, v)).collect();
         assert!(say(seen(small, 9, 0)).contains("the board fills 0.2 % of the picture"), "too small");

@@ -50,9 +50,10 @@ pub enum Task {
     Lenses(LensesArgs),
     /// Calibrate the poses of the cameras from a board that they see together, or from waved instruments.
     Poses(PosesArgs),
-    /// Calibrate the trocars and the eye's centre from tilted instruments and a turning eye.
+    /// Calibrate the trocars and the eye's centre from a stream in which the instruments tilt and the eye turns.
     Trocars(TrocarsArgs),
-    /// Check the coverage of the cameras, the accuracy of tips and whether the rig holds; exit code 5 if it does not.
+    /// Check the coverage of the cameras, the accuracy of tips, and whether the rig still holds; exit code 5 if anything
+    /// is wrong.
     Check(CheckArgs),
 }
 

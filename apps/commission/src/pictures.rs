@@ -22,9 +22,10 @@ const CLIP: &str = "y4m";
 /// Where pictures come from.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct PicturesArgs {
-    /// Pictures (PNG, JPEG), clips or pipes (Y4M), or folders of them. Names give the camera: cam0/007.png,
-    /// cam0-007.png, cam0.y4m. Pictures of several cameras with the same number were taken together. A
-    /// recording of vitreo cameras --record-fields (.mcap) has all cameras and comes alone. The step poses also takes one stream (.mcap, .jsonl) of waved instruments.
+    /// Pictures (PNG, JPEG), clips or pipes (Y4M), or folders of them. The name gives the camera: cam0/007.png,
+    /// cam0-007.png, cam0.y4m; pictures of several cameras with the same number were taken together. Or one recording
+    /// of all cameras (.mcap), made by vitreo cameras --record-fields. The step poses also accepts one stream (.mcap,
+    /// .jsonl) of waved instruments.
     #[arg(long, value_name = "PATH", num_args = 1.., required_unless_present = "cameras", help_heading = "Pictures")]
     pub from: Vec<PathBuf>,
     /// Live cameras in the order of the rig: y4m:PIPE or v4l2:/dev/videoN.

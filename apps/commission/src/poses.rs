@@ -4,7 +4,7 @@
 //! squares. Waved instruments refine what is right within some 0.2 mm and 2 mrad.
 
 use crate::boards::{Boards, half, look, rms_with};
-use crate::folder::{Folder, Outcome};
+use crate::folder::{Folder, Outcome, Record};
 use crate::lenses::residual_picture;
 use crate::pictures::PicturesArgs;
 use crate::places::{beside, exchanged, laid_over, spread_mm};
@@ -24,6 +24,7 @@ use fpga_model::input::whole::is_recording;
 use protocol::blobs::BlobField;
 use rig::Rig;
 use rig::camera::Camera;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// Fewest views that a camera shares with any other.
@@ -75,7 +76,8 @@ fn boards(rig: &Rig, args: &PosesArgs) -> Result<Outcome> {
              see it"
         )])
     })?;
-    refuse(misplaced(&found, &expected))?;
+    let length = if args.board.charuco.is_some() { "SQUARE of --charuco" } else { "--pitch" };
+    refuse(misplaced(&found, &expected, length))?;
     let placed_now = laid_over(&found.scene.cameras, &expected);
     let learnt = placed(&expected, &half(&sheets, false)).map(|c| c.scene.cameras);
     let judge = half(&sheets, true);
@@ -85,29 +87,14 @@ fn boards(rig: &Rig, args: &PosesArgs) -> Result<Outcome> {
     let record = &mut outcome.record;
     record.from = args.pictures.names();
     record.kept = before_px < held_out_px;
-    let (n, views) =
-        (expected.len(), sheets.iter().map(|s| s.view).collect::<std::collections::BTreeSet<_>>().len());
+    let (n, views) = (expected.len(), sheets.iter().map(|s| s.view).collect::<BTreeSet<_>>().len());
     record.summary = format!("{n} cameras from {views} views of a board: residuals {:.2} px", found.rms_px);
     record.figure("residuals", format!("{:.3} px", found.rms_px));
     record.figure(
         "residuals of held-out views",
         format!("{held_out_px:.3} px; with the previous places {before_px:.3} px"),
     );
-    for (camera, off) in placed_now.iter().zip(beside(&placed_now, &expected)) {
-        let id = camera.id;
-        record.figure(
-            format!("camera {id}: away from its place in the rig"),
-            format!("{:.3} mm, {:.2} mrad", off.mm, off.rad * 1e3),
-        );
-        if off.mm > BESIDE.0 || off.rad > BESIDE.1 {
-            record.advice.push(format!(
-                "camera {id} is {:.1} mm and {:.0} mrad away from its place in the rig: is it where it \
-                 should be?",
-                off.mm,
-                off.rad * 1e3
-            ));
-        }
-    }
+    note_moves(&placed_now, &expected, record);
     record.notes.push(
         "the lenses, and the place of the cameras as a whole relative to the eye, are those of the rig: \
          next, poses --from STREAM (waved instruments) with --force, then trocars"
@@ -116,6 +103,22 @@ fn boards(rig: &Rig, args: &PosesArgs) -> Result<Outcome> {
     pictures(rig, &found.residuals, &mut outcome)?;
     outcome.rig = keep_or(rig, rig_with(rig, &placed_now)?, &mut outcome);
     Ok(outcome)
+}
+
+/// Notes how far each camera is from its place in the rig, with advice where that is far.
+fn note_moves(cameras: &[Camera], expected: &[Camera], record: &mut Record) {
+    for (camera, off) in cameras.iter().zip(beside(cameras, expected)) {
+        let (id, mm, mrad) = (camera.id, off.mm, off.rad * 1e3);
+        record.figure(
+            format!("camera {id}: away from its place in the rig"),
+            format!("{mm:.3} mm, {mrad:.2} mrad"),
+        );
+        if off.mm > BESIDE.0 || off.rad > BESIDE.1 {
+            record.advice.push(format!(
+                "camera {id} is {mm:.1} mm and {mrad:.0} mrad away from its place in the rig: is it where it should be?"
+            ));
+        }
+    }
 }
 
 /// Cameras with the lenses of `expected` from the board they see together.
@@ -146,8 +149,8 @@ fn lonely(rig: &Rig, sheets: &[TargetView]) -> Vec<String> {
         .collect()
 }
 
-/// What is wrong with places that were found.
-fn misplaced(found: &Calibrated, expected: &[Camera]) -> Vec<String> {
+/// What is wrong with places that were found; `length` is the option that scales them.
+fn misplaced(found: &Calibrated, expected: &[Camera], length: &str) -> Vec<String> {
     let mut said = Vec::new();
     let cameras = &found.scene.cameras;
     let scale = spread_mm(cameras) / spread_mm(expected).max(1e-9);
@@ -158,8 +161,7 @@ fn misplaced(found: &Calibrated, expected: &[Camera]) -> Vec<String> {
         ));
     } else if !(1.0 / LARGEST_SCALE..=LARGEST_SCALE).contains(&scale) {
         said.push(format!(
-            "the cameras come out {scale:.2} times as far apart as in the rig: is --pitch the distance of \
-             the board's \
+            "the cameras come out {scale:.2} times as far apart as in the rig: is {length} the distance of the board's \
              corners in mm?"
         ));
     }
@@ -259,7 +261,7 @@ impl std::fmt::Display for Fit {
 }
 
 /// The figures of a report in a record.
-pub(crate) fn told(report: &Report, record: &mut crate::folder::Record) {
+pub(crate) fn told(report: &Report, record: &mut Record) {
     for figure in &report.figures {
         let sigma = figure.sigma.map(|s| format!(" ± {s:.4}")).unwrap_or_default();
         let whole = figure.unit.is_empty() && figure.value.fract() == 0.0;

@@ -1,15 +1,16 @@
 //! Step `trocars`: where the shafts pass through the eye's wall, and where the eye turns about.
 
-use crate::folder::{Folder, Outcome};
+use crate::folder::{Folder, Outcome, Record};
 use crate::poses::{Fit, instants, told};
+use crate::stream::Stream;
 use crate::{Refused, refuse};
 use anyhow::Result;
-use calibration::cli::{pivoted, shafts, turned};
+use calibration::cli::{Centre, pivoted, shafts, turned};
 use calibration::pivot::{Shaft, of_shafts};
 use nalgebra::Vector3;
 use protocol::limits::INSTRUMENTS;
 use protocol::poses::BODY_NAMES;
-use rig::Rig;
+use rig::{Rig, Trocar};
 use std::path::{Path, PathBuf};
 
 /// The world's origin is moved to the eye's centre where it is farther away, mm, and so many standard deviations.
@@ -22,7 +23,7 @@ const SHOULD_MM: f64 = 0.1;
 /// Arguments of the step.
 #[derive(Debug, Clone, clap::Args)]
 pub struct TrocarsArgs {
-    /// Stream (.mcap, .jsonl) of instruments tilted in their trocars and of a turning eye.
+    /// Stream (.mcap, .jsonl) in which the instruments tilt in their trocars and the eye turns.
     #[arg(long, value_name = "STREAM")]
     pub from: PathBuf,
 }
@@ -36,16 +37,7 @@ pub fn run(folder: &Folder, rig: &Rig, args: &TrocarsArgs) -> Result<Outcome> {
     let (stream, seen) = instants(folder, rig, path)?;
     let (poses, centre) = turned(rig, &seen)?;
     let of_body: Vec<Vec<Shaft>> = (0..INSTRUMENTS).map(|body| shafts(&poses, body)).collect();
-    let still: Vec<String> = of_body
-        .iter()
-        .zip(BODY_NAMES)
-        .filter_map(|(shafts, name)| {
-            let problem = of_shafts(shafts).err()?;
-            Some(format!(
-                "{name}: {problem}: tilt it in its trocar, far to all sides, while eye and markers are seen"
-            ))
-        })
-        .collect();
+    let still = hardly_tilted(&of_body);
     // One instrument may be done without the other.
     if still.len() == INSTRUMENTS {
         return Err(Refused(still).into());
@@ -60,7 +52,38 @@ pub fn run(folder: &Folder, rig: &Rig, args: &TrocarsArgs) -> Result<Outcome> {
     record.from = vec![path.display().to_string()];
     record.advice.extend(still);
     record.advice.extend(stream.advice());
-    match &centre {
+    note_centre(&centre, record);
+    let mut new = rig.clone();
+    told(&pivoted(&mut new, &poses, Some(centre), false)?, record);
+    record.kept = keep_what_is_better(rig, &mut new, &of_body, record) && !far;
+    if far {
+        // Computed anew: the centre found above was consumed with the trocars.
+        let centre = turned(rig, &seen)?.1;
+        let mut moved = new.clone();
+        pivoted(&mut moved, &poses, Some(centre), true)?;
+        new = recentred(rig, new, moved, &stream, record);
+    }
+    record.advice.extend(uncertain(&of_body));
+    record.summary = format!("trocars moved: {}", moves(rig, &new).join(", "));
+    outcome.rig = Some(Rig::parse(&new.to_json(), "of the trocars")?);
+    Ok(outcome)
+}
+
+/// Advice for instruments whose shafts were tilted too little to meet in a point.
+fn hardly_tilted(of_body: &[Vec<Shaft>]) -> Vec<String> {
+    let problems = of_body.iter().zip(BODY_NAMES).filter_map(|(s, name)| Some((of_shafts(s).err()?, name)));
+    problems
+        .map(|(problem, name)| {
+            format!(
+                "{name}: {problem}: tilt it in its trocar, far to all sides, while eye and markers are seen"
+            )
+        })
+        .collect()
+}
+
+/// Notes how far the eye's centre is from the world's origin, or why it was not found.
+fn note_centre(centre: &Centre, record: &mut Record) {
+    match centre {
         Ok((found, _)) => record.figure(
             "distance of the eye's centre of rotation from the world's origin",
             format!("{:.3} ± {:.3} mm", found.point.coords.norm(), found.sigma_mm.norm()),
@@ -69,44 +92,37 @@ pub fn run(folder: &Folder, rig: &Rig, args: &TrocarsArgs) -> Result<Outcome> {
             record.advice.push(format!("the eye's centre: {problem}: turn the eye about two axes"))
         }
     }
-    let mut new = rig.clone();
-    told(&pivoted(&mut new, &poses, Some(centre), false)?, record);
-    record.kept = keep_what_is_better(rig, &mut new, &of_body, record) && !far;
-    if far {
-        // Trocars are in the eye's frame, and move with its origin: what was put back above moves as well.
-        let centre = turned(rig, &seen)?.1;
-        let mut whole = new.clone();
-        pivoted(&mut whole, &poses, Some(centre), true)?;
-        restore(&new, &mut whole, rig);
-        let [moved, before] = [&whole, &new].map(|rig| Fit::of(rig, &stream.fields));
-        record.figure("left of all blobs, the origin moved there", format!("{moved}; before {before}"));
-        if moved.left_px <= before.left_px {
-            new = whole;
-            record.notes.push("the world's origin was moved to the eye's centre of rotation".into());
-        } else {
-            record.notes.push("the world's origin is kept: with it moved, the blobs fit worse".into());
-        }
+}
+
+/// The rig `moved`, whose origin is the eye's centre, with the trocars of `new`; or `new`, if the blobs fit that better.
+fn recentred(rig: &Rig, new: Rig, mut moved: Rig, stream: &Stream, record: &mut Record) -> Rig {
+    // Trocars are in the eye's frame, and move with its origin; so do those that were put back.
+    restore(&new, &mut moved, rig);
+    let [fit, before] = [&moved, &new].map(|rig| Fit::of(rig, &stream.fields));
+    record.figure("left of all blobs, the origin moved there", format!("{fit}; before {before}"));
+    if fit.left_px > before.left_px {
+        record.notes.push("the world's origin is kept: with it moved, the blobs fit worse".into());
+        return new;
     }
-    let sigmas = of_body.iter().filter_map(|s| of_shafts(s).ok());
-    for (found, name) in sigmas.zip(BODY_NAMES) {
-        if found.sigma_mm.norm() > SHOULD_MM {
-            let mm = found.sigma_mm.norm();
-            record
-                .advice
-                .push(format!("{name}: its trocar is known to {mm:.2} mm: tilt it farther, for a minute"));
-        }
-    }
-    let moved: Vec<String> = rig
-        .trocars
-        .iter()
-        .zip(&new.trocars)
-        .map(|(a, b)| {
-            format!("{} by {:.3} mm", a.body, (Vector3::from(a.p_eye) - Vector3::from(b.p_eye)).norm())
-        })
-        .collect();
-    record.summary = format!("trocars moved: {}", moved.join(", "));
-    outcome.rig = Some(Rig::parse(&new.to_json(), "of the trocars")?);
-    Ok(outcome)
+    record.notes.push("the world's origin was moved to the eye's centre of rotation".into());
+    moved
+}
+
+/// Advice for trocars that are not known well enough.
+fn uncertain(of_body: &[Vec<Shaft>]) -> Vec<String> {
+    let known = of_body.iter().zip(BODY_NAMES).filter_map(|(s, name)| Some((of_shafts(s).ok()?, name)));
+    known
+        .map(|(found, name)| (found.sigma_mm.norm(), name))
+        .filter(|(mm, _)| *mm > SHOULD_MM)
+        .map(|(mm, name)| format!("{name}: its trocar is known to {mm:.2} mm: tilt it farther, for a minute"))
+        .collect()
+}
+
+/// How far each trocar was moved.
+fn moves(rig: &Rig, new: &Rig) -> Vec<String> {
+    let mm = |(a, b): (&Trocar, &Trocar)| (Vector3::from(a.p_eye) - Vector3::from(b.p_eye)).norm();
+    let pairs = rig.trocars.iter().zip(&new.trocars);
+    pairs.map(|pair| format!("{} by {:.3} mm", pair.0.body, mm(pair))).collect()
 }
 
 /// Shafts that do not go through one place.
@@ -141,12 +157,7 @@ fn halves(shafts: &[Shaft]) -> [Vec<Shaft>; 2] {
 
 /// Puts back each trocar that fits one half of its shafts better than what is found from the other; true where all
 /// are.
-fn keep_what_is_better(
-    rig: &Rig,
-    new: &mut Rig,
-    of_body: &[Vec<Shaft>],
-    record: &mut crate::folder::Record,
-) -> bool {
+fn keep_what_is_better(rig: &Rig, new: &mut Rig, of_body: &[Vec<Shaft>], record: &mut Record) -> bool {
     let mut kept = 0;
     for old in &rig.trocars {
         let Some(body) = BODY_NAMES.iter().position(|n| *n == old.body).filter(|b| *b < of_body.len()) else {
@@ -207,7 +218,7 @@ mod tests {
         let truth = rig.clone();
         let mut worse = rig.clone();
         worse.trocars[0].p_eye[1] += 0.2;
-        let mut record = crate::folder::Record::default();
+        let mut record = Record::default();
         // What was found from noise lies beside; the shafts of each half meet in the true place, too, and win by nothing.
         rig.trocars[0].p_eye[0] += 0.1;
         let mut new = truth.clone();

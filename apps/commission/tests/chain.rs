@@ -1,13 +1,13 @@
 //! The whole way: from pictures and streams that a known rig gives, the rig is found again.
 
+#[allow(dead_code, reason = "some of what it paints is for the other tests")]
 mod painted;
 
-use calibration::observations::collect;
-use calibration::self_calibration::{fitted, spread};
-use calibration::target_problem::{camera_pose, set_camera_pose};
-use nalgebra::{Isometry3, Vector3};
-use painted::{Seen, before, stream, together, write_boards, write_markers, write_stream};
-use protocol::poses::EYE;
+use nalgebra::Vector3;
+use painted::{
+    before, chessboard, drawn, places_off, stream, tips_um, together, write_boards, write_markers,
+    write_stream,
+};
 use rig::Rig;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -38,55 +38,6 @@ fn exchange(folder: &Path) {
     for (from, to) in [("cam0", "kept"), ("cam1", "cam0"), ("kept", "cam1")] {
         std::fs::rename(folder.join(from), folder.join(to)).unwrap();
     }
-}
-
-/// The rig that a builder draws before anything is measured: lenses by 2 %, places by half a millimetre and some
-/// milliradians, trocars by 0.3 mm.
-fn drawn(truth: &Rig) -> Rig {
-    let mut rig = truth.clone();
-    for (c, camera) in rig.cameras.iter_mut().enumerate() {
-        let k = c as f64 + 1.0;
-        (camera.fx, camera.fy, camera.dist) = (1.02 * camera.fx, 0.98 * camera.fy, [0.0; 5]);
-        (camera.cx, camera.cy) = (360.0, 288.0);
-        let mut model = camera.model();
-        let off = Isometry3::new(
-            Vector3::new((1.7 * k).sin(), (2.9 * k).cos(), (0.6 * k).sin()) * 0.5,
-            Vector3::new((2.3 * k).cos(), (1.9 * k).sin(), (0.4 * k).cos()) * 4e-3,
-        );
-        let pose = off * camera_pose(&model);
-        set_camera_pose(&mut model, &pose);
-        let r = model.camera_from_world;
-        camera.rotation = std::array::from_fn(|i| std::array::from_fn(|j| r[(i, j)]));
-        camera.t = model.translation_mm.into();
-    }
-    rig.trocars.iter_mut().for_each(|t| t.p_eye = t.p_eye.map(|v| v + 0.3));
-    rig
-}
-
-/// Root mean square error of the tips in the eye, of poses that are fitted with a rig, µm.
-fn tips_um(rig: &Rig, seen: &Seen) -> f64 {
-    let (instants, bundle) = fitted(rig, &spread(collect(rig, &seen.fields), 300)).unwrap();
-    let (mut squares, mut n) = (0.0, 0);
-    for (instant, poses) in instants.iter().zip(&bundle.poses) {
-        let Some((_, tips)) = seen.tips.iter().find(|(t, _)| *t == instant.exposed_ns) else { continue };
-        for (pose, tip) in poses.iter().zip(tips) {
-            let Some((pose, eye)) = pose.as_ref().zip(poses[EYE].as_ref()) else { continue };
-            let found = eye.inverse_transform_point(&pose.translation.vector.into());
-            squares += (found - tip).norm_squared() * 1e6;
-            n += 1;
-        }
-    }
-    assert!(n > 100, "{n} tips only");
-    (squares / f64::from(n)).sqrt()
-}
-
-/// By camera: how far its centre is off, mm, and how far it is turned, mrad, beside the truth.
-fn places_off(rig: &Rig, truth: &Rig) -> Vec<[f64; 2]> {
-    let off = |(a, b): (rig::camera::Camera, rig::camera::Camera)| {
-        let beside = camera_pose(&a) * camera_pose(&b).inverse();
-        [(a.centre_in_world() - b.centre_in_world()).norm(), 1e3 * beside.rotation.angle()]
-    };
-    rig.cameras().into_iter().zip(truth.cameras()).map(off).collect()
 }
 
 struct Builder {
@@ -123,7 +74,7 @@ fn a_rig_is_found_again_from_what_its_cameras_see() {
     let cameras = truth.cameras();
     let boards = own.folder.path().join("boards");
     let views = (0..18).map(|i| (format!("{i:03}"), cameras.iter().map(|c| before(c, i)).collect()));
-    write_boards(&cameras, &boards, &views.collect::<Vec<_>>());
+    write_boards(&cameras, &boards, &views.collect::<Vec<_>>(), &chessboard);
     let from = ["lenses", "--board", "9x6", "--pitch", "2.5", "--from", boards.to_str().unwrap()];
     done(&[&[&*new, "--rig", &drawn_rig], &from[..]].concat());
     let rig = own.rig();
@@ -145,7 +96,7 @@ fn a_rig_is_found_again_from_what_its_cameras_see() {
     // Places, from boards that all see.
     let together_at = own.folder.path().join("together");
     let views: Vec<_> = (0..12).map(|i| (format!("{i:03}"), vec![together(i)])).collect();
-    write_boards(&cameras, &together_at, &views);
+    write_boards(&cameras, &together_at, &views, &chessboard);
     let poses =
         |pitch| [&*new, "poses", "--board", "9x6", "--pitch", pitch, "--from", together_at.to_str().unwrap()];
     let before_poses = std::fs::read(own.path("new/rig.json")).unwrap();

@@ -19,9 +19,9 @@ pub struct BudgetsArgs {
     /// Number of reports that must keep all budgets [default: all of them].
     #[arg(long, value_name = "N")]
     pub at_least: Option<usize>,
-    /// Excuse overruns explained by other programs: if they took the fraction s of the processors, times up
-    /// to budget / (1 − s) and the fraction s of frames below the lowest tier are excused. A report without a
-    /// measured load is excused nothing.
+    /// Excuse overruns that the load of other programs explains. If they took the fraction s of the processors'
+    /// time, times up to budget / (1 − s) are excused, and frames below the lowest permitted tier up to the fraction
+    /// s of all. A report that contains no load is excused nothing.
     #[arg(long)]
     pub forgive_load: bool,
     /// Print one sentence per report, without tables.
@@ -122,16 +122,36 @@ impl Report {
     /// Figures of the picture, if there was one.
     fn rendering(&self) -> String {
         let drawn = self.stages.iter().find(|s| s.stage == "rendering" && s.is_judged());
-        let (Some(s), Some(tiers)) = (drawn, self.tiers()) else { return String::new() };
+        let (Some(s), Some(picture)) = (drawn, &self.picture) else { return String::new() };
         let Stage { percentile, judged_ms, budget_ms, p50_ms, .. } = s;
-        format!(", rendering p50 {p50_ms:.1}, p{percentile} {judged_ms:.1} of {budget_ms} ms at tier {tiers}")
+        let tiers = picture.tiers_text();
+        format!(", rendering p50 {p50_ms:.1}, p{percentile} {judged_ms:.1} of {budget_ms} ms at {tiers}")
+    }
+}
+
+impl Picture {
+    /// Tiers at which frames were drawn, with their fractions of the frames; the one with the most frames first.
+    fn tiers(&self) -> Vec<(u32, f64)> {
+        let all = self.frames_by_tier.values().sum::<u64>() as f64;
+        let mut tiers: Vec<_> = self.frames_by_tier.iter().collect();
+        tiers.sort_by_key(|&(_, frames)| std::cmp::Reverse(frames));
+        tiers.into_iter().map(|(tier, frames)| (*tier, *frames as f64 / all)).collect()
     }
 
-    /// Tiers at which frames were drawn, the one with the most frames first.
-    fn tiers(&self) -> Option<String> {
-        let mut tiers: Vec<_> = self.picture.as_ref()?.frames_by_tier.iter().collect();
-        tiers.sort_by_key(|&(_, frames)| std::cmp::Reverse(frames));
-        Some(tiers.iter().map(|(tier, _)| tier.to_string()).collect::<Vec<_>>().join(", "))
+    /// The same in words.
+    fn tiers_text(&self) -> String {
+        let tiers = self.tiers();
+        if let [(tier, _)] = tiers[..] {
+            return format!("quality tier {tier} (0 is the best)");
+        }
+        let shares =
+            tiers.iter().map(|(tier, share)| format!("{tier} ({:.0} % of the frames)", 100.0 * share));
+        format!("quality tiers {}; 0 is the best", shares.collect::<Vec<_>>().join(", "))
+    }
+
+    /// The same for a table.
+    fn tiers_cell(&self) -> String {
+        self.tiers().iter().map(|(tier, _)| tier.to_string()).collect::<Vec<_>>().join(", ")
     }
 }
 
@@ -208,11 +228,12 @@ pub fn run(args: &BudgetsArgs) -> anyhow::Result<ExitCode> {
 fn print_table(files: &[PathBuf], reports: &[Report]) {
     let names: Vec<&str> = reports[0].stages.iter().map(|s| s.stage.as_str()).collect();
     println!("latency at the judged percentile / its budget, ms (! is over it)");
-    println!("{:<24}{:>8}{}", "run", "tier", names.iter().map(|n| format!("{n:>15}")).collect::<String>());
+    println!("tiers: quality tiers of the picture, the one with the most frames first; 0 is the best");
+    println!("{:<24}{:>8}{}", "run", "tiers", names.iter().map(|n| format!("{n:>15}")).collect::<String>());
     for (file, report) in files.iter().zip(reports) {
         let name = file.file_stem().unwrap_or_default().to_string_lossy();
         let cells = report.stages.iter().map(|s| format!("{:>15}", s.cell()));
-        let tiers = report.tiers().unwrap_or_else(|| "–".into());
+        let tiers = report.picture.as_ref().map_or_else(|| "–".into(), Picture::tiers_cell);
         println!("{name:<24}{tiers:>8}{}", cells.collect::<String>());
     }
 }
@@ -267,7 +288,8 @@ mod tests {
             (
                 &good,
                 "every latency budget was kept",
-                "p50 7.9, p99 12.0 of 15 ms at tier 6, 5; other programs",
+                "p50 7.9, p99 12.0 of 15 ms at quality tiers 6 (67 % of the frames), 5 (33 % of the frames); 0 is the \
+                 best; other programs",
             ),
             (
                 &explained,

@@ -59,7 +59,7 @@ pub enum Command {
     Pedal(ForwardArgs),
     /// Show the handles' inputs, or calibrate their jaws.
     Handles(ForwardArgs),
-    /// Check a rig file: what its cameras see, how accurate it is, what is missing.
+    /// Check a rig file: how much its cameras see, and how accurately they measure.
     Rig(ForwardArgs),
     /// Measure the cost of a part on this machine.
     Bench(ForwardArgs),

@@ -28,9 +28,9 @@ pub struct CtlArgs {
 /// Requests to a running simulator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum What {
-    /// Stop time.
+    /// Pause the simulation.
     Pause,
-    /// Continue.
+    /// Continue after a pause.
     Resume,
     /// Restart the attempt at once.
     Restart,

@@ -14,8 +14,8 @@ use std::process::ExitCode;
 /// Arguments of `vitreo doctor`.
 #[derive(Debug, clap::Args)]
 pub struct DoctorArgs {
-    /// Check the rig in table [run] of the settings too: its file, cameras, pedal, handles and display, and
-    /// this user's access to them.
+    /// Also check the devices configured in table [run] of the settings: rig file, cameras, pedal, handles and
+    /// display, and this user's access to them.
     #[arg(long)]
     pub rig: bool,
     /// Print JSON.

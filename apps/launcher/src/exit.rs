@@ -26,20 +26,24 @@ mod tests {
     use scene::module::ModuleError;
 
     #[test]
-    fn what_does_not_exist_is_wrong_use_and_what_is_defective_is_a_failure() {
-        let missing = || SceneError::Missing { name: "x".into(), shipped: "peel".into() };
+    fn unknown_names_are_wrong_use_and_missing_or_defective_files_are_failures() {
+        let scene = |name: &str| SceneError::Missing { name: name.into(), shipped: "peel".into() };
+        let module = |name: &str| ModuleError::Missing { name: name.into(), shipped: "peeling".into() };
         let wrong: [anyhow::Error; 6] = [
             results::store::check_name("a b").unwrap_err().into(),
             WrongUse("--until".into()).into(),
-            anyhow::Error::from(missing()).context("the scene"),
-            ModuleError::Missing { name: "x".into(), shipped: "peeling".into() }.into(),
+            anyhow::Error::from(scene("x")).context("the scene"),
+            module("x").into(),
             ModuleError::Level { name: "peeling".into(), levels: 2, found: 9 }.into(),
             IpcError::InstanceName("a b".into()).into(),
         ];
         wrong.iter().for_each(|error| assert_eq!(code_of(error), WRONG_USE, "{error:#}"));
-        let failed: [anyhow::Error; 3] = [
+        let failed: [anyhow::Error; 6] = [
+            scene("own.toml").into(),
+            scene("scenes/own").into(),
+            module("/nowhere/own").into(),
             anyhow!("no"),
-            ModuleError::Scene { name: "own".into(), source: missing() }.into(),
+            ModuleError::Scene { name: "own".into(), source: scene("x") }.into(),
             IpcError::InUse("main".into()).into(),
         ];
         failed.iter().for_each(|error| assert_eq!(code_of(error), FAILED, "{error:#}"));

@@ -10,10 +10,10 @@ use surgeon::skill::{SKILLS, Skill, named};
 /// Arguments of `vitreo modules`.
 #[derive(Debug, clap::Args)]
 pub struct ModulesArgs {
-    /// Print the scene of a module's level with the expert's script, as every process reads it.
+    /// Print the scene of one level of this module, with the expert's script, as a run reads it.
     #[arg(long, value_name = "NAME|FOLDER")]
     pub scene: Option<String>,
-    /// Level, with --scene.
+    /// Level of the module, from 1.
     #[arg(long, default_value_t = 1, requires = "scene")]
     pub level: u32,
     /// Print JSON.

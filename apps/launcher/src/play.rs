@@ -2,7 +2,6 @@
 
 use crate::machine::has_display;
 use crate::run::{self, MAX_RESTARTS, OutputArgs, RunArgs, TraceOutArgs, TrainingArgs, TrialArgs, ViewArgs};
-use anyhow::bail;
 use clap::ArgGroup;
 use ipc::logging::inform;
 use outputs::{Force, print};
@@ -91,10 +90,7 @@ pub fn run(args: &PlayArgs) -> anyhow::Result<ExitCode> {
         print!("{}", table());
         return Ok(ExitCode::SUCCESS);
     }
-    if args.desk.inputs.is_none() && !has_display() {
-        bail!("no display: mouse and keyboard need the picture's window; use --inputs FILE instead");
-    }
-    if args.desk.inputs.is_none() {
+    if args.desk.inputs.is_none() && has_display() {
         inform(
             "click into the picture to start; F1 shows the keys, vitreo play --keys prints them, F10 quits",
         );

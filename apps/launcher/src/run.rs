@@ -237,17 +237,35 @@ fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
         warn(&problem);
         return FAILED;
     }
+    if let Some(problem) = report.recording.as_ref().and_then(|recording| recording.problem.as_ref()) {
+        warn(&format!("the recording is not complete: {problem}"));
+        return FAILED;
+    }
+    let code = verdict_of_losses(report, args);
+    if !report.unfinished.is_empty() {
+        // Their last lines have given the reason.
+        warn("not everything could be written");
+        return FAILED;
+    }
+    let (body, share) = report.least_tracked;
+    if let Some(asserted) = args.judge.assert_tracking.filter(|asserted| share < *asserted) {
+        warn(&untracked(body, share, asserted));
+        return UNTRACKED;
+    }
+    if let Some(warned) = warned(&report.warnings).filter(|_| args.judge.assert_no_warnings) {
+        warn(&warned);
+        return WARNED;
+    }
+    if args.judge.assert_budgets { verdict_of_budgets(report, view).unwrap_or(code) } else { code }
+}
+
+/// [`LOSS`] where something was lost, else 0.
+fn verdict_of_losses(report: &Report, args: &RunArgs) -> u8 {
     let mut code = 0;
-    if let Some(recording) = &report.recording {
-        if let Some(problem) = &recording.problem {
-            warn(&format!("the recording is not complete: {problem}"));
-            return FAILED;
-        }
-        let lost = recording.lost + report.overwritten;
-        if lost > 0 {
-            warn(&format!("the recording lacks {lost} blocks; notes in it mark the gaps"));
-            code = LOSS;
-        }
+    let lost = report.recording.as_ref().map_or(0, |recording| recording.lost + report.overwritten);
+    if lost > 0 {
+        warn(&format!("the recording lacks {lost} blocks; notes in it mark the gaps"));
+        code = LOSS;
     }
     if report.states_lost > 0 {
         warn(&format!("the state of the eye was lost {} times", report.states_lost));
@@ -264,36 +282,24 @@ fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
         warn(&text);
         code = if is_loss { LOSS } else { code };
     }
-    if !report.unfinished.is_empty() {
-        // Their last lines have given the reason.
-        warn("not everything could be written");
-        return FAILED;
-    }
-    let (body, share) = report.least_tracked;
-    if let Some(asserted) = args.judge.assert_tracking.filter(|asserted| share < *asserted) {
-        warn(&untracked(body, share, asserted));
-        return UNTRACKED;
-    }
-    if let Some(warned) = warned(&report.warnings).filter(|_| args.judge.assert_no_warnings) {
-        warn(&warned);
-        return WARNED;
-    }
-    if !args.judge.assert_budgets {
-        return code;
-    }
-    for stage in report.stages.iter().filter(|s| s.broken) {
-        warn(&stage.blame());
-        code = BUDGET;
+    code
+}
+
+/// [`BUDGET`] where a latency budget was exceeded, [`FAILED`] where one that counts was not measured.
+fn verdict_of_budgets(report: &Report, view: View) -> Option<u8> {
+    let broken: Vec<_> = report.stages.iter().filter(|s| s.broken).collect();
+    broken.iter().for_each(|stage| warn(&stage.blame()));
+    if !broken.is_empty() {
+        return Some(BUDGET);
     }
     let drawn = |s: Stage| !matches!(s, Stage::Rendering | Stage::WholeSystem) || view != View::None;
     let unmeasured = report.stages.iter().filter(|s| s.count == 0 && s.budget_ms > 0.0 && drawn(s.stage));
     let unmeasured: Vec<&str> = unmeasured.map(|s| s.stage.name()).collect();
-    if code != BUDGET && !unmeasured.is_empty() {
-        let names = unmeasured.join(", ");
-        warn(&format!("no measurements of {names}; the first second of a run does not count"));
-        return FAILED;
+    if unmeasured.is_empty() {
+        return None;
     }
-    code
+    warn(&format!("no measurements of {}; the first second of a run does not count", unmeasured.join(", ")));
+    Some(FAILED)
 }
 
 #[cfg(test)]

@@ -32,23 +32,27 @@ mod tests {
     use scene::module::ModuleError;
 
     #[test]
-    fn what_does_not_exist_is_wrong_use_and_what_is_defective_is_a_failure() {
-        let missing = || SceneError::Missing { name: "x".into(), shipped: "peel".into() };
+    fn unknown_names_are_wrong_use_and_missing_or_defective_files_are_failures() {
+        let scene = |name: &str| SceneError::Missing { name: name.into(), shipped: "peel".into() };
+        let module = |name: &str| ModuleError::Missing { name: name.into(), shipped: "peeling".into() };
         let wrong: [anyhow::Error; 8] = [
             IpcError::InstanceName("a b".into()).into(),
             results::store::check_name("a b").unwrap_err().into(),
             WrongUse("--until".into()).into(),
             surgeon::skill::named("genius").unwrap_err().into(),
             ObjectError::NotBuilt("s3://b/a.mcap".into()).into(),
-            anyhow::Error::from(missing()).context("the scene"),
-            ModuleError::Missing { name: "x".into(), shipped: "peeling".into() }.into(),
+            anyhow::Error::from(scene("x")).context("the scene"),
+            module("x").into(),
             ModuleError::Level { name: "peeling".into(), levels: 2, found: 9 }.into(),
         ];
         wrong.iter().for_each(|error| assert_eq!(code_of(error), WRONG_USE, "{error:#}"));
-        let failed: [anyhow::Error; 4] = [
+        let failed: [anyhow::Error; 7] = [
+            scene("own.toml").into(),
+            scene("scenes/own").into(),
+            module("/nowhere/own").into(),
             anyhow!("no"),
             ObjectError::Absent("s3://b/a.mcap".into()).into(),
-            ModuleError::Scene { name: "own".into(), source: missing() }.into(),
+            ModuleError::Scene { name: "own".into(), source: scene("x") }.into(),
             StoreError::Value { field: "module", found: String::new(), expected: "a name".into() }.into(),
         ];
         assert_eq!(code_of(&Stopped.into()), INTERRUPTED);

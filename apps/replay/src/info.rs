@@ -1,9 +1,10 @@
-//! `vitreo info`: what a recording holds.
+//! `vitreo info`: contents of a recording.
 
 use diagnosis::{BodySummary, Due, Summary};
 use ipc::logging::warn;
 use outputs::exit::LOSS;
 use outputs::println;
+use protocol::events::{Event, Severity};
 use protocol::poses::BODY_NAMES;
 use recording::{Item, NoteKind, PartInfo, Recording, STATE_HASH, Source, TRACKER, split_name};
 use rig::Rig;
@@ -12,7 +13,7 @@ use settings::commands::InfoArgs;
 use std::collections::BTreeMap;
 use std::process::ExitCode;
 
-/// What a recording holds.
+/// Contents of a recording.
 #[derive(Debug, Default, Serialize)]
 struct Contents {
     file: String,
@@ -40,8 +41,7 @@ struct Contents {
     camera_fields: BTreeMap<u32, u64>,
     /// First and last field of the reference camera that has poses.
     pose_fields: Option<[u64; 2]>,
-    warnings: u64,
-    injuries: u64,
+    events: EventCounts,
     notes: Vec<String>,
     damage: Option<String>,
     /// How bodies were tracked; nothing at a desk and in an imported stream.
@@ -65,6 +65,37 @@ struct PartFile {
     bytes: u64,
     /// Why nothing of it is read.
     problem: Option<String>,
+}
+
+/// Events that concern the trainee, by name: how many there are of each kind.
+#[derive(Debug, Default, Serialize)]
+struct EventCounts {
+    /// Of severity "warning". The warnings of a run or replay about cameras, rig and tracking are no events.
+    warning: BTreeMap<&'static str, u64>,
+    /// Of severity "injury".
+    injury: BTreeMap<&'static str, u64>,
+}
+
+impl EventCounts {
+    fn take(&mut self, event: &Event) {
+        let counts = match event.severity {
+            s if s == Severity::Warning as u32 => &mut self.warning,
+            s if s == Severity::Injury as u32 => &mut self.injury,
+            _ => return,
+        };
+        *counts.entry(event.info().map_or("unknown", |info| info.name)).or_insert(0) += 1;
+    }
+
+    /// A line for each severity: how many events, and of which kinds.
+    fn lines(&self) -> [String; 2] {
+        [("warning", &self.warning), ("injury", &self.injury)].map(|(severity, counts)| {
+            let all: u64 = counts.values().sum();
+            let kinds: Vec<String> = counts.iter().map(|(name, count)| format!("{name} {count}")).collect();
+            let kinds = if all > 0 { format!(": {}", kinds.join(", ")) } else { String::new() };
+            let events = if all == 1 { "event" } else { "events" };
+            format!("{all} {events} of severity {severity}{kinds}")
+        })
+    }
 }
 
 /// How the bodies of a recording were tracked.
@@ -119,10 +150,7 @@ impl Contents {
                 let [from, _] = self.pose_fields.unwrap_or([frame.field; 2]);
                 self.pose_fields = Some([from, frame.field]);
             }
-            Item::Event(event) => {
-                self.warnings += u64::from(event.severity == 1);
-                self.injuries += u64::from(event.severity == 2);
-            }
+            Item::Event(event) => self.events.take(event),
             Item::Note(note) => {
                 match note.kind {
                     NoteKind::Loss => self.missing += note.count.max(1),
@@ -180,9 +208,12 @@ impl Contents {
             println!("  poses of fields {first} to {last}");
         }
         self.lines.iter().for_each(|line| println!("  {line}"));
-        println!("  {} warnings, {} injuries, {} restarts", self.warnings, self.injuries, self.restarts);
+        self.events.lines().iter().for_each(|line| println!("  {line}"));
+        if self.restarts > 0 {
+            println!("  restarts of processes: {}", self.restarts);
+        }
         if self.missing > 0 {
-            println!("  {} blocks are missing", self.missing);
+            println!("  missing blocks: {}", self.missing);
         }
         self.notes.iter().for_each(|note| println!("  note: {note}"));
     }
@@ -255,6 +286,8 @@ fn parts_of(recording: &Recording) -> Vec<PartFile> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use bytemuck::Zeroable;
+    use protocol::events::EventKind;
     use recording::Note;
 
     #[test]
@@ -266,5 +299,32 @@ mod tests {
         contents.take(500_000_000, &note(NoteKind::Restart, 1));
         assert_eq!((contents.missing, contents.restarts, contents.notes.len()), (5, 1, 2));
         assert_eq!((contents.start_ns, contents.duration_s), (500_000_000, 1.5));
+    }
+
+    #[test]
+    fn events_are_counted_by_severity_and_kind() {
+        let mut contents = Contents::default();
+        let none = ["0 events of severity warning", "0 events of severity injury"];
+        assert_eq!(contents.events.lines(), none);
+        let event = |kind: EventKind| {
+            let (kind, severity) = (kind as u32, kind.info().severity as u32);
+            Item::Event(Event { kind, severity, ..Event::zeroed() })
+        };
+        for kind in [
+            EventKind::RetinaTouched,
+            EventKind::GripSlipped,
+            EventKind::RetinaTouched,
+            EventKind::TissueGrabbed,
+            EventKind::LensTouched,
+        ] {
+            contents.take(0, &event(kind));
+        }
+        assert_eq!(
+            contents.events.lines(),
+            [
+                "3 events of severity warning: retina.touched 2, tissue.grip_slipped 1",
+                "1 event of severity injury: lens.touched 1"
+            ]
+        );
     }
 }

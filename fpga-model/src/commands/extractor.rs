@@ -66,7 +66,7 @@ impl Threshold {
 /// Settings of the scanner; what is not given is as in the camera hardware.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct Tuning {
-    /// Blobs brighter or darker than their surroundings.
+    /// Whether blobs are brighter or darker than their surroundings.
     #[arg(long, default_value = "bright", help_heading = "Detection")]
     pub polarity: Polarity,
     /// Background: fixed=LEVEL (luma; black is 16) or tracked [default: tracked in camera fields; the camera
@@ -74,7 +74,7 @@ pub struct Tuning {
     /// With tracked, a still image is scanned 16 times first, until the background has settled.
     #[arg(long, value_name = "fixed=LEVEL|tracked", value_parser = Ground::parse, help_heading = "Detection")]
     pub background: Option<Ground>,
-    /// Grey levels above the background: minimum of every pixel of a blob, and of its brightest pixel.
+    /// Minimum grey levels above the background: LOW for every pixel of a blob, HIGH for its brightest pixel.
     #[arg(long, value_name = "LOW[:HIGH]", value_parser = Threshold::parse, help_heading = "Detection")]
     pub threshold: Option<Threshold>,
     /// Minimum area of a blob, px.

@@ -17,13 +17,13 @@ pub enum Tables {
 /// Arguments of `hardware`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct HardwareArgs {
-    /// Set of tables.
+    /// Sizes of the tables.
     #[arg(long, value_enum, default_value = "camera")]
     pub tables: Tables,
-    /// Runs per line, overriding the set.
+    /// Maximum number of runs per line, instead of that of --tables.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub runs: Option<u16>,
-    /// Simultaneous components, overriding the set.
+    /// Maximum number of simultaneous components, instead of that of --tables.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub labels: Option<u16>,
     /// Print JSON.

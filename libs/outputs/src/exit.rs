@@ -1,8 +1,8 @@
 //! Exit codes. Scripts depend on them, so they do not change.
 
-/// Something failed.
+/// Something failed; also an input file that does not exist.
 pub const FAILED: u8 = 1;
-/// Wrong usage: an invalid option or an unknown name. clap exits with this code too.
+/// Wrong usage: an invalid option or the name of nothing that is shipped. clap exits with this code too.
 pub const WRONG_USE: u8 = 2;
 /// Done, but something was lost.
 pub const LOSS: u8 = 3;

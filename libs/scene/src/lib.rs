@@ -95,10 +95,16 @@ pub enum SceneError {
 }
 
 impl SceneError {
-    /// There is no such scene; else what there is, is defective.
+    /// No shipped scene has that name. A path of no file is a failure, like every other missing file, and so is
+    /// a defective scene.
     pub fn is_wrong_use(&self) -> bool {
-        matches!(self, SceneError::Missing { .. })
+        matches!(self, SceneError::Missing { name, .. } if !is_path(name))
     }
+}
+
+/// True if a name can only be that of a file or folder: it has a separator or an extension.
+fn is_path(name: &str) -> bool {
+    name.contains(std::path::is_separator) || Path::new(name).extension().is_some()
 }
 
 /// A key that is refused, what it should hold, and what it holds.

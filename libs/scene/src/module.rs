@@ -1,7 +1,7 @@
 //! Module files: `assets/modules/NAME/module.toml`, and the scene beside it (`scene.toml`) or a
 //! shipped one.
 
-use crate::{Goal, GoalOrder, SceneError, SceneFile, ScriptScene, TaskScene};
+use crate::{Goal, GoalOrder, SceneError, SceneFile, ScriptScene, TaskScene, is_path};
 use protocol::file::{MAX_TABLE_BYTES, other_format, other_format_in, read_text};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -71,10 +71,14 @@ pub enum ModuleError {
 }
 
 impl ModuleError {
-    /// There is no such module or level; else what there is, is defective. A scene that a module's file
-    /// names is the file's defect.
+    /// No shipped module has that name, or the module does not have that level. A path of no folder is a failure,
+    /// like every other missing file, and so is a defective module. A scene that a module's file names is the
+    /// file's defect.
     pub fn is_wrong_use(&self) -> bool {
-        matches!(self, ModuleError::Missing { .. } | ModuleError::Level { .. })
+        match self {
+            ModuleError::Missing { name, .. } => !is_path(name),
+            error => matches!(error, ModuleError::Level { .. }),
+        }
     }
 }
 

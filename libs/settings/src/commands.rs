@@ -84,7 +84,7 @@ pub enum RecordingCommand {
     Settings(SettingsListArgs),
     /// Replay recordings with one constant at several values.
     Sweep(SweepArgs),
-    /// Film a scripted surgeon at a module, or a recording.
+    /// Make a film of a recording, or of a module performed by a scripted surgeon.
     Film(FilmArgs),
     /// Score recorded attempts.
     Score(ScoreArgs),

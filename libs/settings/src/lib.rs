@@ -33,7 +33,7 @@ pub struct Program {
 #[derive(Debug, Clone, Copy, Default, clap::Args)]
 pub struct SettingsArgs {
     /// Ignore vitreo.toml.
-    #[arg(long, global = true, help_heading = "Messages")]
+    #[arg(long, global = true, help_heading = "Settings")]
     pub no_config: bool,
 }
 

@@ -48,22 +48,22 @@ pub struct CalibrateArgs {
 /// The calibrations.
 #[derive(Debug, Clone, clap::Subcommand)]
 pub enum Task {
-    /// Calibrate the lens of one camera from pictures of a board or point lists.
+    /// Calibrate the lens of one camera from pictures of a board, or from point lists.
     Intrinsics(target::IntrinsicsArgs),
-    /// Calibrate lenses and poses of cameras that see the same board, from pairs of pictures or point lists.
+    /// Calibrate lenses and poses of cameras that see the same board, from pairs of pictures or from point lists.
     Stereo(target::StereoArgs),
     /// Calibrate poses (and lenses) of cameras that see dots at known positions, from one point list or picture per
     /// camera.
     Dots(fixed::DotsArgs),
-    /// Refine the poses of cameras and the positions of markers from a stream of waved instruments and the former rig.
+    /// Refine a rig's camera poses and marker positions from a stream of instruments waved in front of the cameras.
     Waved(stream::WavedArgs),
-    /// Calibrate the trocars and the eye's centre from tilted instruments and a turning eye.
+    /// Calibrate the trocars and the eye's centre from a stream in which the instruments tilt and the eye turns.
     Pivot(stream::PivotArgs),
     /// Check from a recent stream whether a rig still holds; exit code 5 if it does not.
     Drift(stream::DriftArgs),
-    /// Draw a board for printing, as SVG or PNG in its true size.
+    /// Draw a board to print, as SVG or PNG at its true size.
     Board(board::DrawArgs),
-    /// Check rig files; `vitreo rig`.
+    /// Check a rig file.
     #[command(hide = true)]
     Rig(rig_file::RigFileArgs),
 }

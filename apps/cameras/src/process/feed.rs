@@ -13,6 +13,7 @@ use crate::timing::{Clock, Numbering, Place};
 use anyhow::{Context, Result, ensure};
 use fpga_model::input::Picture;
 use ipc::BellRope;
+use protocol::condition::ProblemKind;
 use protocol::deliveries::Delivery;
 use protocol::fields::{FORMAT_YCBCR_422, FieldHeader, FieldPicture};
 use protocol::time::Nanos;
@@ -382,7 +383,7 @@ impl Feed {
 
     /// What is wrong with it at `now`.
     pub(crate) fn trouble(&self, started: bool, now: Nanos) -> Option<Trouble> {
-        let trouble = |kind, text: &str| Some(Trouble { kind, text: text.into() });
+        let trouble = |kind, text: &str| Some(Trouble::new(kind, text));
         let since = |instant: Nanos| now.saturating_sub(instant);
         let never = self.newest_ns == 0;
         match (&self.over, &self.refusal) {
@@ -431,7 +432,7 @@ impl Feed {
     /// Its figures so far; `reached` is the read-out that all cameras have reached.
     pub(crate) fn delivery(&self, clock: &Clock, reached: Nanos) -> Delivery {
         let reached = self.own(clock).first_from(reached);
-        let counts = self.condition.counts.iter().filter(|(k, _)| !matches!(k, Kind::Awaited | Kind::Over));
+        let counts = self.condition.counts().filter(|(k, _)| !matches!(k, Kind::Awaited | Kind::Over));
         Delivery {
             camera: self.sensor.of_rig.camera,
             source: self.source.clone(),
@@ -444,8 +445,8 @@ impl Feed {
             lost: self.tally.lost,
             jitter_ms: self.tally.jitter.delays(),
             settings: self.settings.clone(),
-            troubles: counts.map(|(kind, n)| (kind.name().into(), *n)).collect(),
-            trouble: self.condition.trouble().map_or_else(String::new, |t| t.text.clone()),
+            troubles: counts.map(|(kind, n)| (kind.name().into(), n)).collect(),
+            trouble: self.condition.text().into(),
         }
     }
 }

@@ -36,7 +36,7 @@ pub struct HandlesArgs {
     /// File for the rig with the calibrated handles.
     #[arg(short, long, value_name = "FILE.json", requires = "calibrate")]
     pub output: Option<PathBuf>,
-    /// Opening of the open jaws, rad.
+    /// Angle of the jaws when open, rad.
     #[arg(long, value_name = "RAD", default_value_t = 0.9, value_parser = opening)]
     pub open_rad: f64,
     /// `--force`.

@@ -1,10 +1,11 @@
 //! The handles: lines of their encoders to tools and jaws.
 
 use super::line::{Got, Line};
-use crate::condition::{Condition, Kind, News, Rate, Trouble};
+use crate::condition::{Condition, Kind, Rate, Trouble};
 use crate::encoder::{Heard, LineReader, Sample};
 use anyhow::{Result, ensure};
 use ipc::{Instance, Sender};
+use protocol::condition::{News, ProblemKind};
 use protocol::controls::ControlFigures;
 use protocol::handles::{HandleState, OPEN_JAWS_RAD, Tool};
 use protocol::limits::INSTRUMENTS;
@@ -213,8 +214,8 @@ impl HandlesFeed {
             openings: self.line.openings,
             bad: bad.chain(restarts).collect(),
             missing: self.gaps.total,
-            troubles: self.condition.counts.iter().map(|(kind, n)| (kind.name().into(), *n)).collect(),
-            trouble: self.condition.trouble().map_or_else(String::new, |trouble| trouble.text.clone()),
+            troubles: self.condition.counts().map(|(kind, n)| (kind.name().into(), n)).collect(),
+            trouble: self.condition.text().into(),
         }
     }
 }

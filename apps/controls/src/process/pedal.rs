@@ -1,10 +1,11 @@
 //! The pedal: its device to states, sent when they change and ten times a second.
 
 use super::device::PedalDevice;
-use crate::condition::{Condition, Kind, News, Rate, Trouble};
+use crate::condition::{Condition, Kind, Rate, Trouble};
 use crate::mapping::{Mapping, Pressed};
 use anyhow::{Result, ensure};
 use ipc::{Instance, Sender};
+use protocol::condition::{News, ProblemKind};
 use protocol::controls::ControlFigures;
 use protocol::handles::{PedalMode, PedalState};
 use protocol::time::Nanos;
@@ -130,8 +131,8 @@ impl PedalFeed {
                 .into_iter()
                 .collect(),
             missing: 0,
-            troubles: self.condition.counts.iter().map(|(kind, n)| (kind.name().into(), *n)).collect(),
-            trouble: self.condition.trouble().map_or_else(String::new, |trouble| trouble.text.clone()),
+            troubles: self.condition.counts().map(|(kind, n)| (kind.name().into(), n)).collect(),
+            trouble: self.condition.text().into(),
         }
     }
 }

@@ -9,7 +9,7 @@ use super::field_trace::TraceOutArgs;
 use super::policy::MAX_RESTARTS;
 use super::recorder;
 use crate::modules::Composed;
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use clap::ArgGroup;
 use ipc::logging::inform;
 use outputs::{Force, Outputs, STILLS, numbered};
@@ -129,8 +129,8 @@ pub struct RealCamerasArgs {
     /// genicam:NAME (GigE Vision or USB3 Vision; both take ?exposure_us=2000&gain=4&trigger=external) or
     /// y4m:PATH, a pipe or file of fields (?parity=1 if the first field has the odd lines); mcap:FILE, a
     /// recording of all cameras by vitreo cameras --record-fields, which brings its rig (docs/cameras.md); or a program that
-    /// publishes fields (blobs with --direct), handles and pedal (docs/camera-hardware.md). All but virtual and
-    /// mcap: need --rig.
+    /// publishes fields (blobs with --direct), handles and pedal (docs/camera-hardware.md). Every
+    /// source except virtual and mcap:FILE needs --rig.
     #[arg(
         long,
         value_name = "virtual|v4l2:DEVICE,...|genicam:NAME,...|y4m:PATH,...|mcap:FILE|PROGRAM",
@@ -150,7 +150,8 @@ pub struct RealCamerasArgs {
     /// the cameras and need --rig; handles and pedal also work beside cameras.
     #[arg(long, value_name = "CHANNEL,...")]
     pub external: Option<External>,
-    /// No scripted surgeon: without --cameras and --rig, show what is missing and wait.
+    /// Run without a scripted surgeon; wait until --cameras and --rig are configured and connected, and report what is
+    /// missing.
     #[arg(long, conflicts_with_all = ["blobs", "motion", "faults"])]
     pub unscripted: bool,
 }
@@ -366,6 +367,19 @@ impl RunArgs {
             (_, true, _) | (_, _, false) => View::Headless,
             _ => View::Window,
         }
+    }
+
+    /// Checks that a person at the desk has a picture.
+    ///
+    /// # Errors
+    /// Where mouse and keyboard are the inputs and there is no display.
+    pub fn check_display(&self, has_display: bool) -> anyhow::Result<()> {
+        let needed = self.desk.as_ref().is_some_and(|desk| desk.inputs.is_none());
+        ensure!(
+            has_display || !needed,
+            "no display: mouse and keyboard need the picture's window; use --inputs FILE instead"
+        );
+        Ok(())
     }
 
     /// Latency budgets: the shipped table at the rig's rate, overridden by the file and the chosen

@@ -21,6 +21,7 @@ use super::resume::Resume;
 use super::screen::Screen;
 use super::silence::SilenceWatch;
 use super::supervisor::{ProcessEvent, Supervisor};
+use crate::machine::has_display;
 use crate::modules::Composed;
 use crate::runtime::StopSignal;
 use anyhow::bail;
@@ -179,6 +180,7 @@ impl<'a> Session<'a> {
         stop: StopSignal,
     ) -> anyhow::Result<Self> {
         let provenance = super::provenance(args)?;
+        args.check_display(has_display())?;
         let instance = Instance::own(&args.instance)?;
         let files = args.outputs.record.as_deref();
         let files =

@@ -32,17 +32,17 @@ pub struct OtherTracker {
 /// Arguments of `vitreo bridge`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct BridgeArgs {
-    /// Serve poses by OpenIGTLink (3D Slicer, PLUS) on this port; 0.0.0.0:PORT lets other machines in.
+    /// Serve poses by OpenIGTLink (3D Slicer, PLUS) on this port; 0.0.0.0:PORT accepts other machines.
     #[arg(long, value_name = "[HOST:]PORT", required_unless_present_any = ["from", "foxglove"])]
     pub igtl: Option<Listen>,
     /// Serve poses, events and the health of the processes to Foxglove, Lichtblick and PlotJuggler (WebSocket)
-    /// on this port; 0.0.0.0:PORT lets other machines in.
+    /// on this port; 0.0.0.0:PORT accepts other machines.
     #[arg(long, value_name = "[HOST:]PORT")]
     pub foxglove: Option<Listen>,
     /// Read another tracker's poses from its OpenIGTLink server, for a run with --external poses.
     #[arg(long, value_name = "igtl:HOST:PORT", conflicts_with_all = ["igtl", "foxglove"])]
     pub from: Option<Server>,
-    /// Names of the other tracker's transforms, body by body, and their uncertainty (docs/bridge.md)
+    /// File that maps the other tracker's transforms to bodies, with their uncertainty (docs/bridge.md)
     /// [default: the names that --igtl sends].
     #[arg(long, value_name = "MAP.toml", requires = "from")]
     pub map: Option<PathBuf>,
@@ -50,7 +50,7 @@ pub struct BridgeArgs {
     /// messages.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u8).range(1..=3))]
     pub igtl_version: u8,
-    /// Name of the simulator, which may start later or restart.
+    /// Name of the simulator; it may start later than the bridge, and restart.
     #[arg(long, value_name = "NAME", default_value = "main")]
     pub instance: String,
 }

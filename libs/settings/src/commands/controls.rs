@@ -122,8 +122,9 @@ pub struct ControlsArgs {
     /// shipped mapping or a .toml file (docs/controls.md); vitreo pedal shows and learns mappings.
     #[arg(long, value_name = "evdev:PATH[,MAPPING]|hidraw:PATH,MAPPING")]
     pub pedal: Option<PedalSpec>,
-    /// Encoders of the handles, for tools and jaws: serial:/dev/ttyUSB0[?baud=115200]. Needs a rig with a
-    /// handles section, which vitreo handles writes (docs/handles.md).
+    /// Serial port of the encoders in the handles, which select tools and move jaws:
+    /// serial:/dev/ttyUSB0[?baud=115200]. Needs a rig with a handles section, which vitreo handles writes
+    /// (docs/handles.md).
     #[arg(long, value_name = "serial:PATH[?baud=N]")]
     pub handles: Option<HandlesSpec>,
 }

@@ -21,7 +21,7 @@ pub struct FilmArgs {
     /// Seed of the surgeon's attempt and tremor [default: 1].
     #[arg(long)]
     pub seed: Option<u64>,
-    /// Maximum length of a module's film, s; it ends with the operation [default: 120].
+    /// Maximum length of a module's film, s; it ends earlier if the operation does [default: 120].
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub length: Option<f64>,
     /// The part of the recording.

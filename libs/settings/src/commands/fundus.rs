@@ -5,8 +5,8 @@ use std::path::PathBuf;
 /// The chosen photograph.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct FundusArgs {
-    /// Fundus photograph for the retina instead of the shipped one: a square JPEG or PNG, filled by its round
-    /// field.
+    /// Fundus photograph for the retina instead of the shipped one: a square JPEG or PNG whose sides touch the round
+    /// image of the fundus.
     #[arg(long, value_name = "PHOTO", help_heading = "Fundus and instruments")]
     pub fundus: Option<PathBuf>,
     /// Eye in the photograph: left or right [default: left].

@@ -13,7 +13,7 @@ use std::process::ExitCode;
 pub struct DrawArgs {
     #[command(flatten)]
     pub board: BoardArgs,
-    /// Write the board to a .svg or .png file of its true size. Print it at 100 % and check its size with a ruler.
+    /// File for the board, .svg or .png. Print it at 100 % and check its size with a ruler.
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
     /// Width of the white margin, mm.

@@ -31,18 +31,18 @@ pub struct DotsArgs {
     /// Positions of the dots of the target: X Y Z per line, mm.
     #[arg(long, value_name = "FILE")]
     pub target: Option<PathBuf>,
-    /// For each picture a point list of at least four dots picked by hand, not all in one plane.
+    /// Point list for each picture, with at least four dots picked by hand, not all in one plane.
     #[arg(long, value_name = "POINTS", num_args = 1..)]
     pub picked: Vec<PathBuf>,
-    /// Size of the pictures, px; calibrates the lenses too.
+    /// Size of the pictures, px. If given, the lenses are calibrated too.
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
     pub size: Option<[u32; 2]>,
     /// Rig whose cameras are replaced. Without --size its lenses are kept and only the poses are calibrated; point lists
     /// need --size or --rig [default: the rig of the recording, or the shipped one].
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
-    /// Cross-validate N times: calibrate on a random half of the dots that all cameras see and triangulate the other
-    /// half; the report has the median errors.
+    /// Cross-validate N times: calibrate on a random half of the dots that all cameras see, and triangulate the other
+    /// half. The report contains the median errors.
     #[arg(long, value_name = "N")]
     pub splits: Option<u32>,
     #[command(flatten)]
@@ -183,12 +183,17 @@ fn priors(
     Ok(before)
 }
 
-/// Runs `vitreo calibrate dots`.
-///
-/// # Errors
-/// As [`intrinsics`]; lists or pictures that do not fit the cameras.
-pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
-    // The shipped lenses are nobody's: dots in lists do not say of which camera they are.
+/// Inputs of a calibration on dots.
+struct Scene {
+    /// The rig whose cameras are replaced.
+    template: Rig,
+    sheets: Vec<TargetView>,
+    before: Vec<CameraPrior>,
+}
+
+/// Reads and checks the inputs.
+fn scene(args: &DotsArgs) -> anyhow::Result<Scene> {
+    // Point lists do not name their cameras, so the lenses of the shipped rig may be those of other cameras.
     ensure!(
         !args.pictures.is_empty() || args.size.is_some() || args.rig.is_some(),
         "expected --size WIDTHxHEIGHT, to find the lenses too, or --rig RIG.json, whose lenses are kept"
@@ -196,11 +201,17 @@ pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
     let (template, pictures) = (template(args)?, shown(args)?);
     let sheets = if pictures.is_empty() { sheets_of_dots(args)? } else { sheets_of_target(args, &pictures)? };
     let before = priors(args, &template, &sheets, &pictures)?;
-    let (all, from): (Vec<[u32; 2]>, _) = match args.size {
-        Some(size) => (vec![size; before.len()], "--size"),
-        None => (before.iter().map(CameraPrior::size_px).collect(), "the rig"),
-    };
-    checks::inside(&sheets, &all, from)?;
+    let sizes_px: Vec<[u32; 2]> = before.iter().map(CameraPrior::size_px).collect();
+    checks::inside(&sheets, &sizes_px, if args.size.is_some() { "--size" } else { "the rig" })?;
+    Ok(Scene { template, sheets, before })
+}
+
+/// Runs `vitreo calibrate dots`.
+///
+/// # Errors
+/// As [`intrinsics`]; lists or pictures that do not fit the cameras.
+pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
+    let Scene { template, sheets, before } = scene(args)?;
     let (free, loss) = (args.solve.free(), args.solve.loss);
     let found = calibrate_on_dots(&before, &sheets, free, loss, &mut |_, _| {})?;
     let mut notes = vec!["the world is the frame of the dots".into()];
@@ -215,7 +226,8 @@ pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
     }
     let compared = args.rig.as_ref().filter(|_| args.output.output.is_some());
     let held_out = compared.map(|_| {
-        checks::beside(&template, &all, |cameras| {
+        let sizes_px: Vec<[u32; 2]> = before.iter().map(CameraPrior::size_px).collect();
+        checks::beside(&template, &sizes_px, |cameras| {
             let learnt = |half: &[TargetView]| calibrate_on_dots(&before, half, free, loss, &mut |_, _| {});
             HeldOut::of_dots(cameras, &sheets, learnt)
         })

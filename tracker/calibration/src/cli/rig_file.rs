@@ -11,7 +11,7 @@ use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Check rig files.
+/// Check a rig file.
 #[derive(Debug, Clone, clap::Args)]
 pub struct RigFileArgs {
     /// What to do.
@@ -22,8 +22,8 @@ pub struct RigFileArgs {
 /// What there is to do with a rig file.
 #[derive(Debug, Clone, clap::Subcommand)]
 pub enum RigTask {
-    /// Check which part of the workspace the cameras cover, how accurately tips are measured in it and what is missing;
-    /// exit code 5 if something is.
+    /// Check how much of the workspace the cameras cover and how accurately they measure tips there; exit code 5 if either
+    /// is not enough.
     Check(CheckArgs),
 }
 
@@ -33,7 +33,7 @@ pub struct CheckArgs {
     /// The rig file.
     #[arg(value_name = "RIG.json")]
     pub file: PathBuf,
-    /// Draw maps of the accuracy of tips to a PNG or SVG file.
+    /// Draw maps of the accuracy of tips as PNG or SVG.
     #[arg(long, value_name = "FILE.png")]
     pub picture: Option<PathBuf>,
     /// Print the findings as JSON.

@@ -46,7 +46,8 @@ pub struct WavedArgs {
     /// Standard deviation of the markers' positions, mm.
     #[arg(long, value_name = "MM", default_value = "0.005", value_parser = positive, help_heading = "Prior knowledge of the rig")]
     pub marker_mm: f64,
-    /// Refine the lenses too, with this standard deviation of the image they give, px.
+    /// Refine the lenses too. Standard deviation of focal lengths and principal point, and of the shift by distortion
+    /// at the corners of the picture, px.
     #[arg(long, value_name = "PX", value_parser = positive, help_heading = "Prior knowledge of the rig")]
     pub lens_px: Option<f64>,
     #[command(flatten)]

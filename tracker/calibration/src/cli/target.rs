@@ -18,6 +18,7 @@ use fpga_model::input::whole::is_recording;
 use ipc::logging::warn;
 use outputs::exit::DIFFERS;
 use rig::Rig;
+use rig::camera::Camera;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -25,12 +26,12 @@ use std::process::ExitCode;
 /// What the board is.
 #[derive(Debug, Clone, clap::Args)]
 pub struct BoardArgs {
-    /// Points of a board: inner corners (or dots) per row, and rows.
+    /// Size of the board: inner corners (or dots) per row, and number of rows.
     #[arg(long, value_name = "COLUMNSxROWS", value_parser = pair, help_heading = "Board")]
     pub board: Option<[u32; 2]>,
-    /// ChArUco board: squares per row and rows, side of a square in mm [default: 1], side of a marker in mm [default:
-    /// 3/4 of a square], and OpenCV dictionary, DICT_4X4_50 to DICT_6X6_1000 [default: the smallest of 4×4 that
-    /// suffices]. Partly visible boards are accepted.
+    /// ChArUco board: squares per row, number of rows, side of a square in mm [default: 1], side of a marker in mm
+    /// [default: 3/4 of a square], and OpenCV dictionary, DICT_4X4_50 to DICT_6X6_1000 [default: the smallest of 4×4
+    /// with enough markers]. The board need not be entirely visible.
     #[arg(
         long, value_name = "COLUMNSxROWS[,SQUARE[,MARKER[,DICTIONARY]]]", value_parser = CharucoBoard::parse,
         conflicts_with_all = ["board", "pitch", "pattern"], help_heading = "Board"
@@ -39,7 +40,7 @@ pub struct BoardArgs {
     /// The ChArUco board was drawn by OpenCV before 4.6: with an even number of rows it starts with a white square.
     #[arg(long, requires = "charuco", conflicts_with_all = ["board", "pitch", "pattern"], help_heading = "Board")]
     pub legacy: bool,
-    /// Distance between neighbouring points, mm; with the default, lengths are in squares.
+    /// Distance between neighbouring points, mm. With the default, all lengths are in squares.
     #[arg(long, value_name = "MM", default_value = "1", value_parser = positive, help_heading = "Board")]
     pub pitch: f64,
     /// Pattern printed on the board.
@@ -259,47 +260,47 @@ pub(super) fn report_of(
     }
 }
 
+/// Views of one camera, in pictures or point lists.
+fn views_of_camera(args: &IntrinsicsArgs) -> anyhow::Result<Views> {
+    if args.points.is_empty() {
+        let from = (args.camera, args.every);
+        let mut views = views_of_pictures(&args.pictures, &args.board.board()?, 0, from)?;
+        renumber(&mut views.sheets);
+        return Ok(views);
+    }
+    let size = args.size.context("--size is needed with --points")?;
+    let mut sheets = sheets_of_lists(&args.points, 0)?;
+    let all = sheets.len();
+    let notes = pass_over_weak(&mut sheets);
+    ensure!(!sheets.is_empty(), "none of {all} views can be used: {}", notes.join("; "));
+    checks::inside(&sheets, &[size], "--size")?;
+    Ok(Views { sheets, sizes_px: vec![size], notes })
+}
+
 /// Runs `vitreo calibrate intrinsics`.
 ///
 /// # Errors
 /// Pictures, lists or a rig that cannot be read, too few or degenerate views, or no solution.
 pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
-    let Views { sheets, sizes_px, notes } = if args.points.is_empty() {
-        let mut views =
-            views_of_pictures(&args.pictures, &args.board.board()?, 0, (args.camera, args.every))?;
-        renumber(&mut views.sheets);
-        views
-    } else {
-        let size = args.size.context("--size is needed with --points")?;
-        let mut sheets = sheets_of_lists(&args.points, 0)?;
-        let all = sheets.len();
-        let notes = pass_over_weak(&mut sheets);
-        ensure!(!sheets.is_empty(), "none of {all} views can be used: {}", notes.join("; "));
-        checks::inside(&sheets, &[size], "--size")?;
-        Views { sheets, sizes_px: vec![size], notes }
-    };
+    let Views { sheets, sizes_px, mut notes } = views_of_camera(args)?;
     let rig = args.rig.as_deref().map(Rig::load).transpose()?;
     let before = rig.as_ref().and_then(|rig| rig.cameras().into_iter().find(|c| c.id == args.camera));
-    if let Some([w, h]) = before.as_ref().map(|c| c.size_px) {
-        let [x, y] = sizes_px[0];
-        let id = args.camera;
+    if let Some(Camera { id, size_px, .. }) = &before {
+        let ([w, h], [x, y]) = (*size_px, sizes_px[0]);
         ensure!(
             [x, y] == [w, h],
             "expected pictures of {w}×{h} px, as camera {id} of the rig has, found {x}×{y}"
         );
     }
     let free = FreeParameters { lens: args.solve.free(), place: false };
-    let found = with_spinner("least squares", |tell| {
-        calibrate_lens(args.camera, sizes_px[0], &sheets, free, args.solve.loss, tell)
-    })?;
-    let mut notes = notes;
+    let lens = |sheets: &[TargetView], tell: &mut dyn FnMut(usize, f64)| {
+        calibrate_lens(args.camera, sizes_px[0], sheets, free, args.solve.loss, tell)
+    };
+    let found = with_spinner("least squares", |tell| lens(&sheets, tell))?;
     notes.extend(checks::remarks(&found, &sheets));
     notes.extend(checks::held_well(&found)?);
     let held_out = before.as_ref().filter(|_| args.output.output.is_some()).map(|before| {
-        let lens = |half: &[TargetView]| {
-            calibrate_lens(args.camera, sizes_px[0], half, free, args.solve.loss, &mut |_, _| {})
-        };
-        HeldOut::of_views(std::slice::from_ref(before), &sheets, lens)
+        HeldOut::of_views(std::slice::from_ref(before), &sheets, |half| lens(half, &mut |_, _| {}))
             .ok_or_else(|| "not compared with the rig's lens: the views are too few for halves".to_owned())
     });
     let camera = &found.scene.cameras[0];

@@ -55,7 +55,6 @@ impl<'a> SelfCalibrationProblem<'a> {
     /// The problem for some observations, with the prior mean and initial value `before`. Only
     /// observed markers are parameters.
     pub fn new(instants: &'a [FrameObservations], before: Bundle, free: &Freedom, eye_moves: bool) -> Self {
-        let known = &free.known;
         // A blob with an invalid covariance gets no weight.
         let whiten = |s: &MarkerObservation| {
             s.covariance.cholesky().and_then(|c| c.l().try_inverse()).unwrap_or_default()
@@ -78,33 +77,8 @@ impl<'a> SelfCalibrationProblem<'a> {
         };
         let seen = |of: &dyn Fn(&MarkerObservation) -> bool| instants.iter().any(|i| i.seen.iter().any(of));
         for c in 0..out.before.cameras.len() {
-            if !seen(&|s| s.camera == c) {
-                continue;
-            }
-            if known.lens_px > 0.0 {
-                let sigmas = lens_sigmas(&out.before.cameras[c], known.lens_px);
-                for (i, sigma) in sigmas.into_iter().enumerate() {
-                    if !free.held.contains(&(c, i)) {
-                        out.lens_at[c][i] = Some(out.values.len());
-                        out.push(Value::Lens(c, i), sigma);
-                    }
-                }
-            }
-            let own = free.of(Part::Camera(c));
-            if own.camera_mm > 0.0 && own.camera_rad > 0.0 {
-                out.place_at[c] = Some(out.values.len());
-                for i in 0..EXTRINSICS {
-                    let sigma = if i < 3 { own.camera_rad } else { own.camera_mm };
-                    out.push(Value::Place(c, i), sigma);
-                }
-            }
-            if free.clock_s > 0.0 {
-                out.late_at[c] = Some(out.values.len());
-                out.push(Value::Late(c), free.clock_s);
-            }
-            if free.parity_px > 0.0 && seen(&|s| s.camera == c && s.if_swapped_px != 0.0) {
-                out.swapped_at[c] = Some(out.values.len());
-                out.push(Value::Swapped(c), free.parity_px);
+            if seen(&|s| s.camera == c) {
+                out.push_camera(c, free, seen(&|s| s.camera == c && s.if_swapped_px != 0.0));
             }
         }
         if free.aside > 0.0 {
@@ -121,6 +95,35 @@ impl<'a> SelfCalibrationProblem<'a> {
             }
         }
         out
+    }
+
+    /// Appends the parameters of a camera; its parity only if `has_lines`, because whole frames have none.
+    fn push_camera(&mut self, c: usize, free: &Freedom, has_lines: bool) {
+        if free.known.lens_px > 0.0 {
+            let sigmas = lens_sigmas(&self.before.cameras[c], free.known.lens_px);
+            for (i, sigma) in sigmas.into_iter().enumerate() {
+                if !free.held.contains(&(c, i)) {
+                    self.lens_at[c][i] = Some(self.values.len());
+                    self.push(Value::Lens(c, i), sigma);
+                }
+            }
+        }
+        let own = free.of(Part::Camera(c));
+        if own.camera_mm > 0.0 && own.camera_rad > 0.0 {
+            self.place_at[c] = Some(self.values.len());
+            for i in 0..EXTRINSICS {
+                let sigma = if i < 3 { own.camera_rad } else { own.camera_mm };
+                self.push(Value::Place(c, i), sigma);
+            }
+        }
+        if free.clock_s > 0.0 {
+            self.late_at[c] = Some(self.values.len());
+            self.push(Value::Late(c), free.clock_s);
+        }
+        if free.parity_px > 0.0 && has_lines {
+            self.swapped_at[c] = Some(self.values.len());
+            self.push(Value::Swapped(c), free.parity_px);
+        }
     }
 
     fn push(&mut self, value: Value, sigma: f64) {
