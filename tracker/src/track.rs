@@ -154,15 +154,12 @@ impl Track {
         self.frame.near_misses += near_misses;
     }
 
-    /// Notes a fit that is refused.
-    pub fn refuse(&mut self) {
-        self.frame.bad_fit = true;
-    }
-
-    /// Updates the filter with a fit. False if the fit was refused, as where its reduced χ² is too high.
+    /// Updates the filter with a fit. False if the fit was refused: its reduced χ² is too high, or it explains fewer
+    /// blobs than are `unexplained`.
     pub fn update(
         &mut self,
         fit: &PoseFit,
+        unexplained: usize,
         prior_information: &Matrix6,
         matches: &[BlobMatch],
         time_ns: u64,
@@ -170,9 +167,9 @@ impl Track {
     ) -> bool {
         let reduced = fit.reduced_chi2();
         let limit = rig.tuning.bad_fit * self.variance_scale;
-        let mostly_outliers = fit.outliers > fit.blobs;
+        let mostly_unexplained = unexplained > fit.blobs;
         self.frame.outliers += fit.outliers as u32;
-        if mostly_outliers || reduced.is_some_and(|c| c > limit) {
+        if mostly_unexplained || reduced.is_some_and(|c| c > limit) {
             self.frame.bad_fit = true;
             return false;
         }

@@ -264,13 +264,10 @@ impl Tracker {
         let matches = &estimate.association.matches[body];
         let (track, beside) = (&mut self.tracks[body], estimate.association.beside(body));
         track.count_near_misses(beside);
-        // The eye is predicted well: where most of its blobs lie beside its markers, the camera was moved, and the
-        // few that match by chance would turn the eye.
-        if body == EYE && fit.outliers + beside as usize > fit.blobs {
-            track.refuse();
-            return None;
-        }
-        if !track.update(&fit, prior_information, matches, group.time_ns, &self.rig) {
+        // The eye is predicted well: where its blobs lie beside its markers the camera was moved, and those that
+        // match by chance would turn the eye. An instrument may have moved.
+        let unexplained = fit.outliers + if body == EYE { beside as usize } else { 0 };
+        if !track.update(&fit, unexplained, prior_information, matches, group.time_ns, &self.rig) {
             return None;
         }
         track.observe_roll(&self.rig.bodies[body], matches, group.time_ns);
