@@ -14,9 +14,9 @@ const KEPT: usize = 100;
 /// A finding that lasted.
 #[derive(Debug, Clone, Serialize)]
 pub struct Warning {
-    /// When it was reported, s since the start.
+    /// Begin of the first period in which it was seen, s since the start.
     pub from_s: f64,
-    /// When it was over, s; `None` where it lasts.
+    /// End of the last one, s; `None` where it lasts.
     pub to_s: Option<f64>,
     /// What it is.
     #[serde(flatten)]
@@ -27,6 +27,8 @@ pub struct Warning {
 #[derive(Debug)]
 struct Candidate {
     finding: Finding,
+    /// Begin of the first period in which it was seen, and end of the last, s.
+    span_s: [f64; 2],
     seen: u32,
     absent: u32,
     /// Index of the warning, once it was reported.
@@ -38,24 +40,38 @@ struct Candidate {
 pub struct Watch {
     candidates: Vec<Candidate>,
     warnings: Vec<Warning>,
+    /// End of the newest period, s.
+    noted_s: f64,
 }
 
 impl Watch {
-    /// Takes what was found in a period; returns what is to be reported now for the first time.
+    /// Takes what was found in the period that ends at `at_s`; returns what is to be reported now for the first time.
     pub fn note(&mut self, at_s: f64, found: &[Finding]) -> Vec<Finding> {
+        let begin_s = std::mem::replace(&mut self.noted_s, at_s);
         let mut news = Vec::new();
         for finding in found {
             let index = self.candidates.iter().position(|c| c.finding.subject == finding.subject);
             let index = index.unwrap_or_else(|| {
-                self.candidates.push(Candidate { finding: finding.clone(), seen: 0, absent: 0, told: None });
+                let span_s = [begin_s, at_s];
+                self.candidates.push(Candidate {
+                    finding: finding.clone(),
+                    span_s,
+                    seen: 0,
+                    absent: 0,
+                    told: None,
+                });
                 self.candidates.len() - 1
             });
             let candidate = &mut self.candidates[index];
             (candidate.seen, candidate.absent) = (candidate.seen + 1, 0);
-            candidate.finding = finding.clone();
+            (candidate.finding, candidate.span_s[1]) = (finding.clone(), at_s);
             if candidate.seen >= LASTS && candidate.told.is_none() && self.warnings.len() < KEPT {
                 candidate.told = Some(self.warnings.len());
-                self.warnings.push(Warning { from_s: at_s, to_s: None, finding: finding.clone() });
+                self.warnings.push(Warning {
+                    from_s: candidate.span_s[0],
+                    to_s: None,
+                    finding: finding.clone(),
+                });
                 news.push(finding.clone());
             }
         }
@@ -63,7 +79,7 @@ impl Watch {
         for candidate in self.candidates.iter_mut().filter(|c| !present(c)) {
             candidate.absent += 1;
             if let Some(told) = candidate.told.filter(|_| candidate.absent == OVER) {
-                self.warnings[told].to_s = Some(at_s);
+                self.warnings[told].to_s = Some(candidate.span_s[1]);
             }
         }
         self.candidates.retain(|c| c.absent < if c.told.is_some() { OVER } else { 1 });
@@ -135,8 +151,10 @@ mod tests {
         watch.note(5.0, &[]);
         watch.note(6.0, &[]);
         assert_eq!((watch.present().count(), watch.warnings().len()), (0, 1));
-        assert_eq!((watch.warnings()[0].from_s, watch.warnings()[0].to_s), (2.0, Some(6.0)));
+        assert_eq!((watch.warnings()[0].from_s, watch.warnings()[0].to_s), (0.0, Some(3.0)));
         watch.note(7.0, &x);
+        assert_eq!(watch.warnings().len(), 1, "once is no news again");
         assert_eq!(watch.note(8.0, &x).len(), 1, "reported again when it comes again");
+        assert_eq!((watch.warnings()[1].from_s, watch.warnings()[1].to_s), (6.0, None));
     }
 }
