@@ -32,11 +32,11 @@ pub const AREA_SCALE_STEP: f64 = 0.004;
 /// Initial standard deviation of the voluntary acceleration, mm/s².
 pub const VOLUNTARY_MM_S2: f64 = 15.0;
 /// Time constant of its lag, s: shorter overshoots, longer lags behind a reversal.
-pub const VOLUNTARY_TAU_S: f64 = 0.4;
+pub const VOLUNTARY_TAU_S: f64 = 0.35;
 /// Bounds of its adaptive variance, mm²/s⁴: an instrument at rest, one that is withdrawn.
 pub const VOLUNTARY_RANGE_MM2_S4: (f64, f64) = (25.0, 1e5);
 /// Time constant of its adaptation, s.
-pub const VOLUNTARY_LEARNING_S: f64 = 0.4;
+pub const VOLUNTARY_LEARNING_S: f64 = 0.1;
 /// Share of a raise of that variance at a manoeuvre that acceleration and lags get at once.
 pub const MANOEUVRE_SHARE: f64 = 0.1;
 /// NIS (normalised innovation squared, 6 degrees of freedom) that indicates a manoeuvre.
@@ -51,14 +51,22 @@ pub const NIS_RATIO_LIMIT: f64 = 1.7;
 /// Gain of that running ratio.
 pub const NIS_RATIO_GAIN: f64 = 0.15;
 /// Bands of the tremor: physiological tremor lies between 6 and 14 Hz, most of it between 8 and 12. More pole pairs
-/// predict better and cost time.
+/// predict better and cost time. An unknown hand is taken to tremble in the middle band alone: a band that begins empty and
+/// is not takes half a second to show in the NIS (see below), one that begins full and is empty takes four seconds to be
+/// known.
 pub const TREMOR_BANDS: [Band; 3] = [
-    Band { low_hz: 6.0, high_hz: 8.0, pairs: 3, start_mm: 0.015 },
-    Band { low_hz: 8.0, high_hz: 12.0, pairs: 5, start_mm: 0.023 },
-    Band { low_hz: 12.0, high_hz: 14.0, pairs: 3, start_mm: 0.015 },
+    Band { low_hz: 6.0, high_hz: 8.0, pairs: 3, start_mm: 0.002 },
+    Band { low_hz: 8.0, high_hz: 12.0, pairs: 6, start_mm: 0.05 },
+    Band { low_hz: 12.0, high_hz: 14.0, pairs: 3, start_mm: 0.002 },
 ];
+/// The one in which most tremor is.
+pub const MAIN_TREMOR_BAND: usize = 1;
+/// Time after which a hand is known, ns; before it, a large NIS shows that it trembles in all bands.
+pub const UNKNOWN_HAND_NS: u64 = 1_000_000_000;
+/// NIS of an update, and its running ratio, that show so.
+pub const UNKNOWN_HAND_NIS: (f64, f64) = (60.0, 2.5);
 /// Ripple of a band, dB: less has gentler slopes.
-pub const TREMOR_RIPPLE_DB: f64 = 2.0;
+pub const TREMOR_RIPPLE_DB: f64 = 4.0;
 /// The same for the roll, whose tremor is nearer to its noise: fewer and wider.
 pub const ROLL_TREMOR_HZ: [f64; 3] = [8.0, 10.0, 12.0];
 /// Their damping ratio.

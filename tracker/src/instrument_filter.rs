@@ -24,6 +24,7 @@ use crate::pose_math::{Matrix6, box_minus, exp};
 use crate::rig_model::BodyModel;
 use crate::tremor_bank::{self, PAIRS, TremorBank};
 use crate::tuning::Tuning;
+use adaptation::Nis;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 pub use start::Hand;
 use transition::{PLAY_MODEL, StateTransition, roll_model, roll_tremor_model, voluntary_model};
@@ -76,6 +77,8 @@ pub struct InstrumentFilter {
     bank: TremorBank,
     /// Gain of the running ratio.
     nis_gain: f64,
+    /// Instant from which the hand counts as known, ns.
+    hand_known_ns: u64,
 }
 
 impl InstrumentFilter {
@@ -113,6 +116,7 @@ impl InstrumentFilter {
             tuning,
             bank: TremorBank::new(tuning.tremor_ripple_db),
             nis_gain: model.at_rate.nis_ratio_gain,
+            hand_known_ns: time_ns.saturating_add(if hand.is_some() { 0 } else { k::UNKNOWN_HAND_NS }),
         };
         filter.vectors[0] = tip;
         filter.vectors[PLAY] = axis * lever - to_pivot;
@@ -247,13 +251,17 @@ impl InstrumentFilter {
                 &roll_tremor_model(i).noise(f, self.hand.roll_tremor_variance[i]),
             );
         }
-        self.add_tremor(|bank, i, j| bank.noise(&step.tremor, i, j));
+        self.add_tremor(self.hand.tremor_variance, |bank, i, j| bank.noise(&step.tremor, i, j));
     }
 
     /// Adds to the covariance of the tremor's states, for each two pole pairs of a band, what `of` gives for a
-    /// band of variance 1.
-    fn add_tremor(&mut self, of: impl Fn(&TremorBank, usize, usize) -> tremor_bank::Block) {
-        for (range, variance) in tremor_bank::ranges().zip(self.hand.tremor_variance) {
+    /// band of variance 1, times the variance of the band.
+    fn add_tremor(
+        &mut self,
+        variances: [f64; tremor_bank::BANDS],
+        of: impl Fn(&TremorBank, usize, usize) -> tremor_bank::Block,
+    ) {
+        for (range, variance) in tremor_bank::ranges().zip(variances) {
             for i in range.clone() {
                 for j in range.clone() {
                     let block = of(&self.bank, i, j).map(|row| row.map(|v| v * variance));
@@ -311,6 +319,8 @@ impl InstrumentFilter {
         prior_inverse: &Matrix6,
     ) -> bool {
         let delta = box_minus(posterior, &self.pose());
+        let (tip, tip_prior) = (delta.fixed_rows::<3>(0), self.pose_covariance.fixed_view::<3, 3>(0, 0));
+        let of_tip = tip_prior.cholesky().map_or(0.0, |prior| tip.dot(&prior.solve(&tip)));
         let gain = product(&self.cross, prior_inverse);
         let shrink = self.pose_covariance - covariance;
         let weighted = product(&gain, &shrink);
@@ -338,7 +348,8 @@ impl InstrumentFilter {
         }
         self.rotation = aligned(posterior.rotation, &self.vectors, &self.pivot);
         self.renew_cross();
-        self.adapt_to_nis(delta.dot(&(prior_inverse * delta)), (prior_inverse * shrink).trace());
+        let nis = Nis { all: delta.dot(&(prior_inverse * delta)), of_tip };
+        self.adapt_to_nis(nis, (prior_inverse * shrink).trace());
         true
     }
 

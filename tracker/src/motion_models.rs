@@ -1,8 +1,8 @@
 //! Linear motion models of one coordinate, each with its transition over a time and the process
 //! noise accumulated in it.
 //!
-//! - [`VoluntaryMotion`]: position, velocity, and an acceleration that is white noise through four
-//!   lags in a row. Its spectrum falls as that of a voluntary movement does (as f⁻⁸ above 1/2πτ;
+//! - [`VoluntaryMotion`]: position, velocity, and an acceleration that is white noise through five
+//!   lags in a row. Its spectrum falls as that of a voluntary movement does (as f⁻¹⁰ above 1/2πτ;
 //!   Singer's falls as f⁻²). The tremor's is in [`crate::tremor_bank`].
 //! - [`Oscillator`]: a stationary, damped oscillator driven by white noise: a line of the spectrum of
 //!   the roll's tremor; with more damping, the play of a shaft in its trocar.
@@ -53,7 +53,7 @@ impl Singer {
 }
 
 /// Lags of the voluntary acceleration.
-pub const LAGS: usize = 4;
+pub const LAGS: usize = 5;
 /// States of a voluntary movement: displacement, velocity, acceleration and what drives each lag.
 pub const VOLUNTARY: usize = 2 + LAGS;
 
@@ -235,7 +235,7 @@ mod tests {
                 p[(2 + n, 2 + n)] = 1.0;
             }
             let (f, q) = (matrix(f), matrix(q));
-            for _ in 0..6000 {
+            for _ in 0..12_000 {
                 p = f * p * f.transpose() + q;
                 p.fixed_view_mut::<2, VOLUNTARY>(0, 0).fill(0.0);
                 p.fixed_view_mut::<VOLUNTARY, 2>(0, 0).fill(0.0);

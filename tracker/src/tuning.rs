@@ -71,7 +71,7 @@ tunables! {
     measured_rad, "rad", k::MEASURED_RAD, 0.001..3.0, "largest standard deviation of a rotation that counts as measured";
     voluntary_mm_s2, "mm/s²", k::VOLUNTARY_MM_S2, 5.0..300.0, "initial standard deviation of the voluntary acceleration";
     voluntary_tau_s, "s", k::VOLUNTARY_TAU_S, 0.1..2.0, "time constant of its lag";
-    voluntary_learning_s, "s", k::VOLUNTARY_LEARNING_S, 0.1..60.0, "time constant of the adaptation of its variance";
+    voluntary_learning_s, "s", k::VOLUNTARY_LEARNING_S, 0.02..60.0, "time constant of the adaptation of its variance";
     tremor_ripple_db, "dB", k::TREMOR_RIPPLE_DB, 0.01..6.0, "ripple of the tremor's bands";
     tremor_learning_s, "s", k::TREMOR_LEARNING_S, 0.1..60.0, "time constant of the adaptation of the tremor's variance";
     turn_acceleration_rad_s2, "rad/s²", k::TURN_ACCELERATION_RAD_S2, 0.1..200.0, "standard deviation of the acceleration of an instrument's roll";

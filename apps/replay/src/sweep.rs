@@ -229,8 +229,10 @@ mod tests {
 
     #[test]
     fn rows_stand_in_the_order_of_files_and_values_however_many_run_at_a_time() {
+        let built_in = tracker::tuning::Tuning::default().tremor_ripple_db;
+        let values = vec![built_in, 0.75 * built_in, 0.25 * built_in];
         let sweep_with = |jobs| {
-            let set = Range { key: "tracker.tremor_ripple_db".into(), values: vec![2.0, 3.0, 6.0] };
+            let set = Range { key: "tracker.tremor_ripple_db".into(), values: values.clone() };
             let files = vec![golden().path().to_path_buf()];
             let args = SweepArgs {
                 files,
@@ -244,7 +246,7 @@ mod tests {
         };
         let rows = sweep_with(1);
         assert_eq!(rows, sweep_with(3));
-        assert_eq!(rows.iter().map(|r| r.value).collect::<Vec<_>>(), [2.0, 3.0, 6.0]);
+        assert_eq!(rows.iter().map(|r| r.value).collect::<Vec<_>>(), values);
         assert_eq!(
             (rows[0].moved_um, rows[0].frames),
             ([0.0; BODIES], 100),

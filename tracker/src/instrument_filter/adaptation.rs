@@ -4,9 +4,15 @@ use super::transition::roll_tremor_model;
 use super::{Hand, InstrumentFilter, ROLL_TREMOR, TREMOR};
 use crate::constants as k;
 use crate::motion_models::VoluntaryMotion;
-use crate::tremor_bank;
+use crate::tremor_bank::{self, BANDS};
 use nalgebra::Vector3;
 use std::ops::Range;
+
+/// Normalised innovation squared of an update: of pose and of the tip's place alone.
+pub(super) struct Nis {
+    pub all: f64,
+    pub of_tip: f64,
+}
 
 impl InstrumentFilter {
     /// Adapts the variances of the tremor and of the voluntary acceleration: running means over the
@@ -64,16 +70,51 @@ impl InstrumentFilter {
         [sum.norm_squared() / 3.0, variance / 3.0]
     }
 
-    /// Raises the variance of the voluntary acceleration where the NIS is too large, once by much
-    /// or several times in a row: the instrument manoeuvres.
-    pub(super) fn adapt_to_nis(&mut self, nis: f64, expected: f64) {
+    /// Where the NIS is too large, once by much or several times in a row, raises the variance of the voluntary
+    /// acceleration: the instrument manoeuvres. While the hand is not known yet and the NIS is larger still, and most of
+    /// it the tip's, its tremor is wider than expected.
+    pub(super) fn adapt_to_nis(&mut self, nis: Nis, expected: f64) {
+        let Nis { all: nis, of_tip } = nis;
         self.nis_ratio += self.nis_gain * (nis / expected.max(1.0) - self.nis_ratio);
+        let (once, lasting) = k::UNKNOWN_HAND_NIS;
+        let is_unknown = self.time_ns < self.hand_known_ns && of_tip > 0.5 * nis;
+        if is_unknown && (nis > once || self.nis_ratio > lasting) {
+            return self.spread_tremor();
+        }
         let ratio = (nis / k::NIS_LIMIT).max(self.nis_ratio / k::NIS_RATIO_LIMIT);
         if ratio > 1.0 {
             let factor = (ratio * ratio).min(10.0);
             let before = self.voluntary_variance;
             self.voluntary_variance = (before * factor).min(k::VOLUNTARY_RANGE_MM2_S4.1);
             self.inflate_lags(k::MANOEUVRE_SHARE * (self.voluntary_variance - before));
+        }
+    }
+
+    /// Raises the variance of every band to the density of the main one.
+    fn spread_tremor(&mut self) {
+        let before = self.hand.tremor_variance;
+        let width_hz = |band: usize| k::TREMOR_BANDS[band].high_hz - k::TREMOR_BANDS[band].low_hz;
+        let density = before[k::MAIN_TREMOR_BAND] / width_hz(k::MAIN_TREMOR_BAND);
+        let after: [f64; BANDS] = std::array::from_fn(|band| before[band].max(density * width_hz(band)));
+        self.take_in_tremor(std::array::from_fn(|band| after[band] - before[band]));
+        self.hand.tremor_variance = after;
+        self.renew_cross();
+    }
+
+    /// Adds tremor of these variances, of unknown phase, to the states. The tip is as well known as before, and has that
+    /// tremor in it: of its voluntary movement is known what the tremor leaves.
+    pub(super) fn take_in_tremor(&mut self, variances: [f64; BANDS]) {
+        self.add_tremor(variances, |bank, i, j| *bank.stationary(i, j));
+        for (range, variance) in tremor_bank::ranges().zip(variances) {
+            for (pair, part) in range.clone().flat_map(|pair| [(pair, 0), (pair, 1)]) {
+                let with_all: f64 = range.clone().map(|i| self.bank.stationary(i, pair)[0][part]).sum();
+                let (with_all, at) = (variance * with_all, 3 * (TREMOR + 2 * pair + part));
+                for axis in 0..3 {
+                    self.covariance[axis][at + axis] -= with_all;
+                    self.covariance[at + axis][axis] -= with_all;
+                    self.covariance[axis][axis] += if part == 0 { with_all } else { 0.0 };
+                }
+            }
         }
     }
 

@@ -23,10 +23,12 @@ impl InstrumentFilter {
     pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
         let InstrumentFilter { vectors, roll_rate, roll_acceleration, roll_tremor, rotation, .. } = self;
         let InstrumentFilter { pivot, hand, voluntary_variance, .. } = self;
-        let InstrumentFilter { nis_ratio, covariance, time_ns, tuning: _, bank: _, nis_gain: _, .. } = self;
+        let InstrumentFilter { nis_ratio, covariance, time_ns, hand_known_ns, .. } = self;
+        let InstrumentFilter { tuning: _, bank: _, nis_gain: _, .. } = self;
         // Computed from the covariance.
         let InstrumentFilter { cross: _, pose_covariance: _, .. } = self;
         out.put(time_ns)?;
+        out.put(hand_known_ns)?;
         out.rotation(rotation)?;
         out.numbers(vectors.iter().flatten())?;
         out.numbers([roll_rate, roll_acceleration, voluntary_variance, nis_ratio])?;
@@ -43,6 +45,7 @@ impl InstrumentFilter {
         let pivot = Pivot { position: Vector3::zeros(), sigma: 0.0, tracked: false };
         let mut filter =
             Self::new(&Isometry3::identity(), &Matrix6::zeros(), Some(pivot), time_ns, model, None);
+        filter.hand_known_ns = from.count()?;
         filter.rotation = from.rotation()?;
         from.numbers(filter.vectors.iter_mut().flatten())?;
         let InstrumentFilter { roll_rate, roll_acceleration, voluntary_variance, nis_ratio, .. } =

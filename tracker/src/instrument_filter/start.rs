@@ -53,7 +53,7 @@ impl InstrumentFilter {
             put(PLAY + 1, play * k::PLAY_RAD_S * k::PLAY_RAD_S);
         }
         self.start_movement(axis, is_back);
-        self.add_tremor(|bank, i, j| *bank.stationary(i, j));
+        self.take_in_tremor(self.hand.tremor_variance);
         let p = &mut self.covariance;
         p[ROLL][ROLL] = roll;
         p[ROLL + 1][ROLL + 1] = k::START_TURN_RAD_S * k::START_TURN_RAD_S;

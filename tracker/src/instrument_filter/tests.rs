@@ -88,7 +88,8 @@ fn a_trocar_that_comes_into_sight_does_not_jerk_the_shaft() {
 fn a_band_without_tremor_loses_its_variance() {
     let tip = |t: f64| Vector3::new(0.05 * (63.0 * t).sin(), 0.05 * (63.0 * t).cos(), -4.0);
     let mut f = filter(tip(0.0));
-    let begun = f.hand.tremor_variance;
+    let begun = [3e-4; 3];
+    f.hand.tremor_variance = begun;
     for n in 1..100u64 {
         f.predict(FIELD_NS * (n + 1), Some(pivot()));
         measure(&mut f, &through(tip(n as f64 * 0.02)), &(Matrix6::identity() * 1e-5));
@@ -100,8 +101,9 @@ fn a_band_without_tremor_loses_its_variance() {
 #[test]
 fn a_manoeuvre_reaches_the_acceleration_at_once() {
     let mut f = filter(Vector3::zeros());
+    f.hand_known_ns = f.time_ns;
     let (before, voluntary) = (f.covariance, f.voluntary_variance);
-    f.adapt_to_nis(1000.0, 6.0);
+    f.adapt_to_nis(Nis { all: 1000.0, of_tip: 900.0 }, 6.0);
     let raised = f.voluntary_variance - voluntary;
     assert!(raised > 8.0 * voluntary, "{raised}");
     for (lag, ratio) in crate::motion_models::VoluntaryMotion::LAG_VARIANCES.iter().enumerate() {
@@ -110,6 +112,45 @@ fn a_manoeuvre_reaches_the_acceleration_at_once() {
         assert!((added - k::MANOEUVRE_SHARE * ratio * raised).abs() < 1e-9 * added, "lag {lag}: {added}");
     }
     assert_eq!(f.covariance[0], before[0], "nothing else changes");
+}
+
+/// A tremor in all bands, beside one in the main band alone; the NIS is as large as where nothing of it is expected.
+#[test]
+fn an_unknown_hand_may_tremble_in_every_band_and_a_known_one_manoeuvres() {
+    let mut f = filter(Vector3::zeros());
+    let (before, voluntary) = (f.hand.tremor_variance, f.voluntary_variance);
+    let before_tip = f.pose_covariance();
+    f.adapt_to_nis(Nis { all: 1000.0, of_tip: 900.0 }, 6.0);
+    assert_eq!((f.voluntary_variance, f.hand.tremor_variance[1]), (voluntary, before[1]));
+    for band in [0, 2] {
+        // Half as wide as the main band.
+        assert!(
+            (f.hand.tremor_variance[band] / before[1] - 0.5).abs() < 1e-12,
+            "{:?}",
+            f.hand.tremor_variance
+        );
+    }
+    let tip = f.pose_covariance();
+    assert!((tip - before_tip).amax() < 1e-12, "the tip is as well known as before: {tip}");
+    let rolled = f.voluntary_variance;
+    f.adapt_to_nis(Nis { all: 1000.0, of_tip: 100.0 }, 6.0);
+    assert!(f.voluntary_variance > 2.0 * rolled, "a roll is no tremor");
+    f.time_ns = f.hand_known_ns;
+    let spread = f.hand.tremor_variance;
+    f.adapt_to_nis(Nis { all: 1000.0, of_tip: 900.0 }, 6.0);
+    assert!(f.hand.tremor_variance == spread && f.voluntary_variance > 2.0 * voluntary);
+}
+
+#[test]
+fn an_instrument_is_found_as_well_as_its_pose_is_known() {
+    let pose = Matrix6::from_diagonal(&nalgebra::Vector6::new(1e-4, 2e-4, 3e-4, 1e-5, 1e-5, 1e-5));
+    let f = InstrumentFilter::new(&through(Vector3::zeros()), &pose, Some(pivot()), FIELD_NS, &model(), None);
+    for axis in 0..3 {
+        let found = f.pose_covariance()[(axis, axis)];
+        assert!((found - pose[(axis, axis)]).abs() < 1e-12, "axis {axis}: {found}");
+        assert!(f.covariance[axis][axis] > 2e-3, "the voluntary movement is known but for the tremor");
+    }
+    assert_sound(&f, "an instrument just found");
 }
 
 /// Covariance of a measurement: one camera does not see the depth.
