@@ -114,7 +114,6 @@ fn a_manoeuvre_reaches_the_acceleration_at_once() {
     assert_eq!(f.covariance[0], before[0], "nothing else changes");
 }
 
-/// A tremor in all bands, beside one in the main band alone; the NIS is as large as where nothing of it is expected.
 #[test]
 fn an_unknown_hand_may_tremble_in_every_band_and_a_known_one_manoeuvres() {
     let mut f = filter(Vector3::zeros());
