@@ -224,7 +224,7 @@ golden: setup ## Renew the recording that every build must replay bit for bit; g
 	cargo test --release -p replay --lib leave_out -- --ignored
 
 tracker-version: setup ## Raise the version of the tracker's arithmetic if it has changed, then renew the golden recording
-	cargo test --release -p tracker --test version renew -- --ignored --nocapture
+	cargo test --release -p validation --test version renew -- --ignored --nocapture
 	$(MAKE) golden
 
 pictures: setup ## Renew the reference pictures of the renderer's tests; give the reason in the commit

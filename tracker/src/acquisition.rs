@@ -24,8 +24,11 @@ pub struct AcquisitionInput<'a> {
     pub rig: &'a RigModel,
     /// Newest field of each camera.
     pub fields: &'a [FieldObservation; MAX_CAMERAS],
-    /// Set of the cameras that are looked at.
+    /// Set of the cameras whose blobs the pose is fitted to.
     pub cameras: u32,
+    /// Set of the cameras in which it is sought. Two cameras may see too few markers together and yet determine the pose
+    /// of an instrument: one that was moved by a few pixels still shows about where its markers are.
+    pub sought_in: u32,
     /// Instant of the pose, ns.
     pub time_ns: u64,
     /// The body's trocar, if the eye is tracked.
@@ -64,10 +67,13 @@ impl Clone for Acquisition {
 }
 
 impl AcquisitionInput<'_> {
-    fn is_recent(&self, field: &FieldObservation) -> bool {
-        self.cameras & (1 << field.camera) != 0
-            && field.exposed_ns > 0
-            && self.time_ns.abs_diff(field.exposed_ns) <= self.rig.at_rate.acquisition_ns
+    /// Recent fields of a set of cameras.
+    fn recent(&self, cameras: u32) -> impl Iterator<Item = &FieldObservation> + Clone {
+        self.fields.iter().filter(move |field| {
+            cameras & (1 << field.camera) != 0
+                && field.exposed_ns > 0
+                && self.time_ns.abs_diff(field.exposed_ns) <= self.rig.at_rate.acquisition_ns
+        })
     }
 }
 
@@ -77,7 +83,7 @@ impl Acquisition {
         self.triangulate(input, body);
         let mut best: Option<(f64, Isometry3<f64>)> = None;
         let (mut trials, mut scored) = (0, 0);
-        let recent = input.fields.iter().filter(|v| input.is_recent(v)).count();
+        let recent = input.recent(input.sought_in).count();
         let convincing = k::ACQUISITION_SCORE * (recent * body.markers.len()) as f64;
         for triple in &body.triples {
             self.for_each_pose(body, triple, |pose| {
@@ -103,7 +109,7 @@ impl Acquisition {
     fn triangulate(&mut self, input: &AcquisitionInput<'_>, body: &BodyModel) {
         self.points.clear();
         let wanted = |colour: u32| body.markers.iter().any(|m| m.colour == colour);
-        for field in input.fields.iter().filter(|v| input.is_recent(v)) {
+        for field in input.recent(input.sought_in) {
             let Some(camera) = camera_of(input.rig, field) else { continue };
             for (blob, seen) in field.blobs().iter().enumerate() {
                 let use_it = field.is_unassigned(blob) && wanted(seen.colour);
@@ -111,8 +117,9 @@ impl Acquisition {
             }
         }
         let limit = input.rig.tip_radius + body.reach + 5.0;
-        for (i, a) in input.fields.iter().enumerate().filter(|(_, v)| input.is_recent(v)) {
-            for b in input.fields[i + 1..].iter().filter(|v| input.is_recent(v)) {
+        let mut fields = input.recent(input.sought_in);
+        while let Some(a) = fields.next() {
+            for b in fields.clone() {
                 self.triangulate_pair(input, a, b, limit);
             }
         }
@@ -205,7 +212,9 @@ impl Acquisition {
         let kept = || self.matches.iter().filter(|m| !m.outlier);
         let markers = kept().fold(0u32, |set, m| set | 1 << m.marker).count_ones();
         let cameras = kept().fold(0u32, |set, m| set | 1 << m.camera).count_ones();
-        let good = markers >= 3 && cameras >= 2 && fit.blobs >= 6 && fit.outliers * 3 <= fit.blobs;
+        let shows_roll = kept().any(|m| body.is_eye || body.observes_roll(m.marker));
+        let good =
+            markers >= 3 && cameras >= 2 && fit.blobs >= 6 && fit.outliers * 3 <= fit.blobs && shows_roll;
         // The eye's centre is known: cameras that disagree do not fit it.
         let tolerance = if body.is_eye { 1.0 } else { k::ACQUISITION_VARIANCE };
         let close = fit.reduced_chi2().is_some_and(|c| c < input.rig.tuning.bad_fit * tolerance);
@@ -216,7 +225,7 @@ impl Acquisition {
     fn collect(&mut self, input: &AcquisitionInput<'_>, body: &BodyModel, pose: &Isometry3<f64>) {
         self.matches.clear();
         let pose = &PoseMatrix::from(pose);
-        for field in input.fields.iter().filter(|v| input.is_recent(v)) {
+        for field in input.recent(input.cameras) {
             let first = self.matches.len();
             for marker in 0..body.markers.len() {
                 if let Some((_, m)) = nearest_blob(input, body, field, pose, marker)
@@ -316,9 +325,9 @@ fn nearest_blob(
 fn score(input: &AcquisitionInput<'_>, body: &BodyModel, pose: &Isometry3<f64>, to_beat: f64) -> f64 {
     let mut sum = 0.0;
     let pose = &PoseMatrix::from(pose);
-    let fields = || input.fields.iter().filter(|v| input.is_recent(v));
-    let mut left = (fields().count() * body.markers.len()) as f64;
-    for field in fields() {
+    let fields = input.recent(input.sought_in);
+    let mut left = (fields.clone().count() * body.markers.len()) as f64;
+    for field in fields {
         for marker in 0..body.markers.len() {
             sum += nearest_blob(input, body, field, pose, marker).map_or(0.0, |(fit, _)| fit);
             left -= 1.0;

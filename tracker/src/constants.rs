@@ -45,7 +45,7 @@ pub const NIS_LIMIT: f64 = 30.0;
 pub const MIN_NEAR_MISSES: usize = 2;
 /// Standard deviations added to the tip's position (mm), velocity (mm/s) and acceleration (mm/s²)
 /// at a manoeuvre.
-pub const INFLATION: [f64; 3] = [0.1, 15.0, 300.0];
+pub const INFLATION: [f64; 3] = [0.05, 3.0, 100.0];
 /// Running ratio of the NIS to its expectation that indicates a manoeuvre.
 pub const NIS_RATIO_LIMIT: f64 = 1.7;
 /// Gain of that running ratio.
@@ -291,5 +291,8 @@ pub const RESECTION_STEADY_PX: f64 = 0.12;
 pub const WITHOUT_EYE_UPDATES: u32 = 6;
 /// Updates without the eye, though two cameras see its markers, after which the cameras disagree.
 pub const DISAGREE_UPDATES: u32 = 60;
-/// Largest reduced χ² of an eye found without a camera.
-pub const WITHOUT_CAMERA_CHI2: f64 = 9.0;
+/// Root mean square residual of an eye found without a camera, at most, px. Where the eye is found with all of them and
+/// leaves more, it is searched so at once; one that turns while the cameras expose leaves half of it.
+pub const WITHOUT_CAMERA_PX: f64 = 1.0;
+/// Least ratio to it of the next best, without another camera.
+pub const WITHOUT_CAMERA_RATIO: f64 = 1.5;

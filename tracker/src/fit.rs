@@ -121,6 +121,11 @@ impl PoseFit {
     pub fn reduced_chi2(&self) -> Option<f64> {
         (self.degrees_of_freedom >= 2.0).then(|| self.chi2 / self.degrees_of_freedom)
     }
+
+    /// Root mean square of the residuals of markers that are seen whole, px; 0 where there is none.
+    pub fn rms_px(&self) -> f64 {
+        libm::sqrt(self.sum_squares_px2 / f64::from(self.whole.max(1)))
+    }
 }
 
 /// Offset of the trocar from the shaft (the body's z axis), in the body frame, mm.

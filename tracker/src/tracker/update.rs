@@ -316,8 +316,16 @@ impl Tracker {
                 body != EYE && !self.rig.distinct_colours && self.trocar(body, &[None; BODIES]).is_none();
             if self.tracks[body].needs_acquisition(group.time_ns, &self.rig.at_rate)
                 && !needs_trocar
-                && let Some(fit) = self.search(group, body, trusted)
+                && let Some(fit) =
+                    self.search(group, body, trusted).or_else(|| self.search_roughly(group, body, trusted))
             {
+                if body == EYE && self.fits_badly(&fit) {
+                    let found = self.find_eye_without_a_camera(group, used);
+                    // Of two cameras, a third that is yet to come may show which one was moved.
+                    if found || self.without_eye < self.rig.at_rate.without_eye_updates {
+                        continue;
+                    }
+                }
                 self.initiate(group, body, &fit, used);
             }
         }
@@ -348,10 +356,25 @@ impl Tracker {
 
     /// Searches a body in the fields of these cameras.
     fn search(&mut self, group: Group, body: usize, cameras: u32) -> Option<PoseFit> {
+        self.search_in(group, body, cameras, cameras)
+    }
+
+    /// Searches an instrument in the fields of all cameras, where some are left out; its pose is that of the others.
+    fn search_roughly(&mut self, group: Group, body: usize, cameras: u32) -> Option<PoseFit> {
+        let left_out = self.watch.as_ref().map_or(0, CameraWatch::left_out) & !cameras;
+        if body == EYE || left_out == 0 {
+            None
+        } else {
+            self.search_in(group, body, cameras | left_out, cameras)
+        }
+    }
+
+    fn search_in(&mut self, group: Group, body: usize, sought_in: u32, cameras: u32) -> Option<PoseFit> {
         let input = AcquisitionInput {
             rig: &self.rig,
             fields: &self.fields,
             cameras,
+            sought_in,
             time_ns: group.time_ns,
             trocar: self.trocar(body, &[None; BODIES]),
             area_scales: &self.area_scales,
@@ -372,22 +395,31 @@ impl Tracker {
         }
     }
 
-    /// The eye is always there. Where it is found without one of the cameras only, that one was moved.
-    fn find_eye_without_a_camera(&mut self, group: Group, used: &[BlobField]) {
+    /// True if a camera may have been moved, and may be left out.
+    fn fits_badly(&self, fit: &PoseFit) -> bool {
+        let may_leave_out = |watch: &CameraWatch| members(watch.in_use()).any(|c| watch.may_leave_out(c));
+        fit.rms_px() > k::WITHOUT_CAMERA_PX && self.watch.as_ref().is_some_and(may_leave_out)
+    }
+
+    /// The eye is always there. Where it is found without one of the cameras only, that one was moved: leaves it out, and
+    /// begins a track of the eye. False if there is no such camera.
+    fn find_eye_without_a_camera(&mut self, group: Group, used: &[BlobField]) -> bool {
         let mut found: [Option<f64>; MAX_CAMERAS] = std::array::from_fn(|camera| {
             let may = self.watch.as_ref().is_some_and(|w| w.may_leave_out(camera));
-            may.then(|| self.search(group, EYE, !(1 << camera))).flatten()?.reduced_chi2()
+            may.then(|| self.search(group, EYE, !(1 << camera))).flatten().map(|fit| fit.rms_px())
         });
-        let Some((camera, best)) = lowest(&found) else { return };
+        let Some((camera, best)) = lowest(&found) else { return false };
         found[camera] = None;
-        let next = lowest(&found).map_or(f64::MAX, |(_, chi2)| chi2);
-        if best > k::WITHOUT_CAMERA_CHI2 || next < 2.0 * best {
-            return;
+        let next = lowest(&found).map_or(f64::MAX, |(_, px)| px);
+        if best > k::WITHOUT_CAMERA_PX || next < k::WITHOUT_CAMERA_RATIO * best {
+            return false;
         }
-        if let (Some(fit), Some(watch)) = (self.search(group, EYE, !(1 << camera)), &mut self.watch) {
-            watch.accuse(camera, 0.0, group.time_ns);
-            self.initiate(group, EYE, &fit, used);
-        }
+        let (Some(fit), Some(watch)) = (self.search(group, EYE, !(1 << camera)), &mut self.watch) else {
+            return false;
+        };
+        watch.accuse(camera, 0.0, group.time_ns);
+        self.initiate(group, EYE, &fit, used);
+        true
     }
 }
 

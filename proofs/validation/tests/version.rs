@@ -1,38 +1,58 @@
 //! The tracker's arithmetic and its version change together: recordings name the version, and
 //! `vitreo replay --verify` compares poses to the bit only where it is the same.
 
-#[path = "../../libs/recording/src/tracker_version.rs"]
+#[path = "../../../libs/recording/src/tracker_version.rs"]
 mod tracker_version;
 
 use blob_stream::BlobReader;
+use nalgebra::Vector3;
+use protocol::blobs::BlobField;
 use protocol::message::fnv1a;
 use rig::Rig;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use tracker::stream::track_stream;
 use tracker_version::{TRACKER_DIGESTS, TRACKER_VERSION};
+use validation::streams::{Knock, Recipe, Scenario};
 
-/// The streams, folders of `tests/data/tracker`. A further one needs no other version.
-const STREAMS: [&str; 4] = ["calib", "nominal", "samecol", "static"];
+/// Recorded streams, folders of `tests/data/tracker`, and streams that are drawn here. A further one needs no other version.
+const STREAMS: [&str; 6] = ["calib", "nominal", "samecol", "static", "hard", "knocked"];
 /// Fewer frames than this say nothing about the arithmetic.
 const FRAMES: u64 = 50;
 
 fn repository() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+/// A rig and its fields. The drawn ones last as long as it takes that an instrument is taken out, a camera is
+/// silent, and one that stood elsewhere from the start is used again.
+fn stream(name: &str) -> (Rig, Vec<BlobField>) {
+    let knock = |at_s, px: f64| {
+        let turn = Vector3::new(0.6, 0.8, 0.0) * (px / 1_600.0);
+        Knock { camera: 1, at_s, turn, shift_mm: Vector3::zeros(), goes_on: false }
+    };
+    let (scenario, knocks) = match name {
+        "hard" => (Scenario::Hard, vec![]),
+        "knocked" => (Scenario::Withdrawn, vec![knock(0.0, 2.0), knock(7.0, 3.0)]),
+        recorded => {
+            let folder = repository().join("tests/data/tracker").join(recorded);
+            let fields = BlobReader::open(&folder.join("blobs.jsonl")).unwrap();
+            return (Rig::load(&folder.join("rig.json")).unwrap(), fields.collect::<Result<_, _>>().unwrap());
+        }
+    };
+    let drawn = Recipe { scenario, seed: 1, seconds: 10.0, knocks }.draw(&Rig::load_or_shipped(None).unwrap());
+    (drawn.rig, drawn.fields)
 }
 
 /// FNV-1a over the bytes of every body of every frame.
-fn digest(stream: &str) -> u64 {
-    let folder = repository().join("tests/data/tracker").join(stream);
-    let rig = Rig::load(&folder.join("rig.json")).unwrap();
-    let fields: Vec<_> =
-        BlobReader::open(&folder.join("blobs.jsonl")).unwrap().collect::<Result<_, _>>().unwrap();
+fn digest(name: &str) -> u64 {
+    let (rig, fields) = stream(name);
     let (mut bytes, mut frames) = (Vec::new(), 0);
     track_stream(&rig, &fields, |frame, _| {
         frames += 1;
         bytes.extend_from_slice(bytemuck::bytes_of(&frame.bodies));
     });
-    assert!(frames >= FRAMES, "{stream}: {frames} frames");
+    assert!(frames >= FRAMES, "{name}: {frames} frames");
     fnv1a(&bytes)
 }
 
