@@ -60,10 +60,10 @@ def main(vitreo, path):
             require(time.monotonic() < deadline, "the run does not connect")
             time.sleep(0.02)
         sent = send(server, 50 * SECONDS)
+        # pyigtl's threads end with this program; its stop() may wait for ever.
         require(run.wait() in (0, 3), "the run failed")
     finally:
         run.kill()
-        server.stop()
     whole = parts = 0
     with open(path, "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
