@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """igtl_server.py VITREO FILE.mcap: a run takes its poses from pyigtl as another tracker, compared with the recording.
 
-Sends both instruments and the eye 50 times a second with a timestamp of its own for each, as pyigtl does, then compares
+Sends both instruments and the eye 20 times a second with a timestamp of its own for each, as pyigtl does, then compares
 every recorded pose with what was sent, in 32-bit floats. Prints how many were measured. Exit code 1 where something is
 wrong.
 """
@@ -17,6 +17,8 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 SECONDS = 4
+# pyigtl sends a hundred messages a second, and waits for ever where more are to be sent to nobody.
+RATE_HZ = 20
 NAMES = ["Instrument0ToWorld", "Instrument1ToWorld", "EyeToWorld"]
 # Frames in which all three are measured; a machine that is busy elsewhere may part some.
 LEAST_WHOLE = 0.9
@@ -43,7 +45,7 @@ def send(server, frames):
             matrix[0, 3] = x
             server.send_message(pyigtl.TransformMessage(matrix, device_name=name, timestamp=time.time()))
         sent.add(tuple(np.float32(tips)))
-        time.sleep(0.02)
+        time.sleep(1 / RATE_HZ)
     return sent
 
 
@@ -59,7 +61,7 @@ def main(vitreo, path):
         while not server.is_connected():
             require(time.monotonic() < deadline, "the run does not connect")
             time.sleep(0.02)
-        sent = send(server, 50 * SECONDS)
+        sent = send(server, RATE_HZ * SECONDS)
         # pyigtl's threads end with this program; its stop() may wait for ever.
         require(run.wait() in (0, 3), "the run failed")
     finally:
