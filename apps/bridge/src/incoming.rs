@@ -21,7 +21,7 @@ const PREDICTED_NS: u64 = 100_000_000;
 /// A timestamp that lies farther from its arrival is of another clock, ns.
 const SAME_CLOCK_NS: u64 = 500_000_000;
 /// Timestamps of one frame are no farther apart than this, ns, and than half the time between two of a body.
-const TOGETHER_NS: u64 = 4_000_000;
+const TOGETHER_NS: u64 = 25_000_000;
 /// Metadata that say whether a body is seen: the key of PLUS and Slicer, and that of older ones.
 pub const STATUS_KEYS: [&str; 2] = ["TransformStatus", "Status"];
 /// How far rows of a rotation may be from unit length and right angles: numbers of 32 bits, and rounding on the way.
