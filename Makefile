@@ -145,6 +145,7 @@ test-python: setup setup-python ## Read a new recording with Python's mcap, and 
 	$(RELEASE) run --no-picture --direct --instance python --duration 4 --force --record out/python.mcap
 	.venv/bin/python tests/python/read_recording.py out/python.mcap
 	.venv/bin/python tests/python/igtl_client.py $(RELEASE) out/igtl.mcap
+	.venv/bin/python tests/python/igtl_server.py $(RELEASE) out/igtl-server.mcap
 	.venv/bin/python tests/python/lsl_client.py $(abspath $(TARGET))/release out/lsl.mcap
 
 test-genicam: setup ## Run three GenICam cameras simulated by aravis: with and without lost packets, and with one that disconnects (SECONDS_EACH=60)

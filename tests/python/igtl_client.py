@@ -56,7 +56,7 @@ def receive(port, run, bridge):
             if began is None:
                 began = (time.monotonic(), cpu_s(bridge.pid))
             last[name] = message.metadata.get("Frame")
-            require(message.metadata.get("Status") is not None, f"{name} has no status")
+            require(message.metadata.get("TransformStatus") is not None, f"{name} has no status")
             heard[name, int(last[name])] = np.array(message.matrix, dtype=np.float32)
         time.sleep(0.0005)
     require(began is not None, "nothing came")

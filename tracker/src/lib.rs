@@ -44,6 +44,7 @@ pub mod predictor;
 pub mod process;
 pub mod projection;
 pub mod rate_constants;
+pub mod refusals;
 pub mod report;
 pub mod rig_check;
 pub mod rig_model;

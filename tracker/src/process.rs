@@ -6,6 +6,7 @@ mod saving;
 
 use crate::assembler::{ClosedFrame, FrameAssembler};
 use crate::config::Config;
+use crate::refusals::Refusals;
 use crate::report::Report;
 use crate::rig_check;
 use crate::tracker::{Tracker, close, stamp};
@@ -16,7 +17,7 @@ use ipc::trace::About;
 use ipc::{Queue, Receiver, Sender};
 use protocol::blobs::BlobField;
 use protocol::control::Command;
-use protocol::health::{Process, STATE_DEGRADED};
+use protocol::health::{Process, STATE_DEGRADED, STATE_RUNNING};
 use protocol::limits::MAX_FIELDS_USED;
 use protocol::matches::MatchFrame;
 use protocol::message::{Invalid, Message};
@@ -51,6 +52,7 @@ struct TrackerProcess {
     assembler: FrameAssembler,
     tracker: Tracker,
     told: Report,
+    refusals: Refusals,
     /// Frames that were not valid and were not sent.
     withheld: u64,
     /// The newest fields that came during a sleep.
@@ -81,6 +83,7 @@ impl TrackerProcess {
             assembler: FrameAssembler::new(&rig),
             tracker,
             told: Report::default(),
+            refusals: Refusals::default(),
             withheld: 0,
             newest: VecDeque::with_capacity(MAX_FIELDS_USED),
             passed_over: 0,
@@ -101,10 +104,22 @@ impl TrackerProcess {
             let at = now();
             let about = About::camera(field.field, field.camera);
             // The assembler counts refusals; the count is published with every frame.
-            if let Err(refusal) = self.assembler.push(&field, at) {
-                tracing::debug!(field = field.field, camera = field.camera, "field refused: {refusal}");
-            }
+            let (number, camera) = (field.field, field.camera);
+            let pushed = self.assembler.push(&field, at);
             drop(field);
+            let (news, ended) = match &pushed {
+                Err(refusal) => (self.refusals.note(camera, refusal), false),
+                Ok(()) => (None, self.refusals.taken(camera)),
+            };
+            if let Err(refusal) = &pushed {
+                tracing::debug!(field = number, camera, "field refused: {refusal}");
+            }
+            if let Some(news) = &news {
+                tracing::warn!(field = number, "{news}");
+            }
+            if news.is_some() || ended {
+                self.say_how_it_is();
+            }
             self.shell.trace.end(Phase::Assemble, about, at);
             while let Some(closed) = self.assembler.complete(at) {
                 self.publish(&closed)?;
@@ -166,8 +181,17 @@ impl TrackerProcess {
         let (field, frame) = (self.newest_field, self.tracker.matches().frame);
         tracing::error!(field, frame, "frame withheld: {invalid}");
         self.withheld += 1;
-        self.shell.report.state = STATE_DEGRADED;
-        self.shell.set_text(&format!("{} frames withheld", self.withheld));
+        self.say_how_it_is();
+    }
+
+    /// Puts what is wrong into the next heartbeat.
+    fn say_how_it_is(&mut self) {
+        let text = match self.withheld {
+            0 => self.refusals.text().to_owned(),
+            frames => format!("{frames} frames withheld"),
+        };
+        self.shell.report.state = if text.is_empty() { STATE_RUNNING } else { STATE_DEGRADED };
+        self.shell.set_text(&text);
     }
 
     /// Sends what no receiver waits for, after the poses.

@@ -1,8 +1,9 @@
 //! Transforms of another tracker become frames of ours. Pure: instants are arguments.
 //!
-//! Transforms that bear the same timestamp are of one frame; it is complete when every body has come, and is given
-//! out without the missing ones where the next begins. A body that did not come, or is not `OK`, is predicted for
-//! a tenth of a second and lost then.
+//! Transforms that bear the same timestamp are of one frame, and so are those of nearly the same one: many servers
+//! stamp each transform when they send it. A frame is complete when every body has come, and is given out without the
+//! missing ones where the next begins, or nothing more comes. A body that did not come, or is not `OK`, is predicted
+//! for a tenth of a second and lost then.
 
 use crate::map::Map;
 use crate::motion::Motion;
@@ -19,6 +20,10 @@ use protocol::time::Nanos;
 const PREDICTED_NS: u64 = 100_000_000;
 /// A timestamp that lies farther from its arrival is of another clock, ns.
 const SAME_CLOCK_NS: u64 = 500_000_000;
+/// Timestamps of one frame are no farther apart than this, ns, and than half the time between two of a body.
+const TOGETHER_NS: u64 = 25_000_000;
+/// Metadata that say whether a body is seen: the key of PLUS and Slicer, and that of older ones.
+pub const STATUS_KEYS: [&str; 2] = ["TransformStatus", "Status"];
 /// How far rows of a rotation may be from unit length and right angles: numbers of 32 bits, and rounding on the way.
 const ROTATION_ERROR: f64 = 1e-3;
 /// Largest coordinate, mm.
@@ -56,6 +61,10 @@ pub struct Incoming {
     is_absent: [bool; BODIES],
     /// When a transform of a body came last; 0 where none has.
     came_ns: [Nanos; BODIES],
+    /// The newest timestamp of each body; 0 where none has come.
+    stamped_ns: [u64; BODIES],
+    /// Time between two timestamps of a body, ns; 0 where it is not known.
+    period_ns: u64,
     field: u64,
     exposed_ns: Nanos,
 }
@@ -70,6 +79,8 @@ impl Incoming {
             measured_ns: [0; BODIES],
             is_absent: [false; BODIES],
             came_ns: [0; BODIES],
+            stamped_ns: [0; BODIES],
+            period_ns: 0,
             field: first,
             exposed_ns: 0,
         }
@@ -94,15 +105,14 @@ impl Incoming {
                 return Taken::Used;
             }
         };
-        let status =
-            message.metadata.iter().find(|(key, _)| key == "Status").map(|(_, value)| value.as_str());
-        let is_there = status.map_or(!self.is_absent[body], |status| status == "OK");
+        let is_there = status_of(message).map_or(!self.is_absent[body], |s| s.eq_ignore_ascii_case("OK"));
         let pose = match pose_of(rows) {
             Ok(pose) => pose,
             Err(problem) => return Taken::Refused(format!("{}: {problem}", message.device)),
         };
         self.came_ns[body] = arrived_ns;
-        let is_next = |p: &Pending| p.came[body] || p.unix_ns != message.unix_ns;
+        let together_ns = self.together_ns(body, message.unix_ns);
+        let is_next = |p: &Pending| p.came[body] || p.unix_ns.abs_diff(message.unix_ns) > together_ns;
         if self.pending.as_ref().is_some_and(is_next) {
             self.close(arrived_ns, &mut send);
         }
@@ -127,6 +137,24 @@ impl Incoming {
         let missing = bodies.filter(|(_, came)| *came < at);
         let named = missing.filter_map(|((mapped, name), _)| Some((mapped.as_ref()?, name)));
         named.map(|(mapped, name)| format!("{} ({name})", mapped.transform)).collect()
+    }
+
+    /// How far timestamps of one frame may lie apart, where `body` has this one.
+    fn together_ns(&mut self, body: usize, unix_ns: u64) -> u64 {
+        let before_ns = std::mem::replace(&mut self.stamped_ns[body], unix_ns);
+        if before_ns > 0 && unix_ns > before_ns {
+            let between_ns = unix_ns - before_ns;
+            // Where a body was missing in between, the period is no longer than before.
+            let longest_ns =
+                if self.period_ns > 0 { self.period_ns + self.period_ns / 8 } else { between_ns };
+            self.period_ns = between_ns.min(longest_ns);
+        }
+        TOGETHER_NS.min(self.period_ns / 2)
+    }
+
+    /// Gives the frame that is pending out: nothing more of it has come for long.
+    pub fn flush(&mut self, now: Nanos, mut send: impl FnMut(&TrackerFrame)) {
+        self.close(now, &mut send);
     }
 
     /// Gives the frame that is pending out.
@@ -183,6 +211,12 @@ impl Incoming {
         (state.validity, state.status) = (validity as u32, status as u32);
         state
     }
+}
+
+/// What the sender says of a body in the metadata of its transform.
+fn status_of(message: &Message) -> Option<&str> {
+    let of = |name: &str| message.metadata.iter().find(|(key, _)| key == name);
+    STATUS_KEYS.into_iter().find_map(of).map(|(_, value)| value.as_str())
 }
 
 /// When a transform was measured: its timestamp, where that is of this machine's clock, else its arrival.
@@ -268,6 +302,13 @@ mod tests {
         sent
     }
 
+    /// A transform somewhere, with its timestamp and what is said of it.
+    fn transform(device: &str, unix_ns: u64, said: &[(&str, &str)]) -> Message {
+        let rows = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 5.0]];
+        let metadata = said.iter().map(|(key, value)| ((*key).into(), (*value).into())).collect();
+        Message { device: device.into(), unix_ns, id: 0, metadata, content: Content::Transform(rows) }
+    }
+
     #[test]
     fn what_we_send_comes_in_as_it_was() {
         for protocol in [1, 3] {
@@ -350,6 +391,52 @@ mod tests {
         assert!(
             matches!(incoming.take(&far, 0, 0, |_| {}), Taken::Refused(why) if why.contains("coordinates"))
         );
+    }
+
+    #[test]
+    fn transforms_that_are_stamped_one_by_one_are_of_one_frame() {
+        for period_ms in [2, 5, 20] {
+            let mut incoming = Incoming::new(Map::default(), 0);
+            let mut sent = Vec::new();
+            for i in 1..50 {
+                for (body, name) in crate::transforms::NAMES[..3].iter().enumerate() {
+                    // A third of the period passes while they are sent.
+                    let at = 1_000 * MS + i * period_ms * MS + body as u64 * period_ms.min(6) * MS / 9;
+                    let message = transform(name, at + OFFSET, &[]);
+                    assert_eq!(incoming.take(&message, at + MS / 10, OFFSET, |f| sent.push(*f)), Taken::Used);
+                }
+            }
+            assert_eq!(sent.len(), 49 + 2, "until the period is known, frames are in parts");
+            assert!(sent[3..].iter().all(|f| f.bodies.iter().all(|b| b.validity() == Validity::Measured)));
+            // A frame without its first body, and the next one without its second, are two.
+            let at = (1_000 + 50 * period_ms) * MS;
+            let before = sent.len();
+            for (name, at) in [("Instrument1ToWorld", at), ("Instrument0ToWorld", at + period_ms * MS)] {
+                incoming.take(&transform(name, at + OFFSET, &[]), at, OFFSET, |f| sent.push(*f));
+            }
+            assert_eq!(sent.len(), before + 1);
+            incoming.flush(at + 200 * MS, |f| sent.push(*f));
+            incoming.flush(at + 400 * MS, |f| sent.push(*f));
+            assert_eq!(sent.len(), before + 2, "nothing more comes");
+        }
+    }
+
+    #[test]
+    fn the_status_of_plus_counts_before_that_of_others() {
+        let (plus, older) = ("TransformStatus", "Status");
+        for (status, expected) in [
+            (&[(plus, "MISSING")][..], Validity::Lost),
+            (&[(plus, "OUT_OF_VIEW"), (older, "OK")], Validity::Lost),
+            (&[(plus, "OK")], Validity::Measured),
+            (&[(plus, "ok")], Validity::Measured),
+            (&[(older, "INVALID")], Validity::Lost),
+            (&[("Frame", "7")], Validity::Measured),
+        ] {
+            let mut incoming = Incoming::new(Map::read("[inst0]\ntransform = \"A\"\n").unwrap(), 0);
+            let mut sent = Vec::new();
+            incoming.take(&transform("A", 7, status), MS, OFFSET, |f| sent.push(*f));
+            assert_eq!(sent[0].bodies[0].validity(), expected, "{status:?}");
+        }
     }
 
     proptest! {

@@ -200,7 +200,8 @@ impl Source {
             Ok(0) => return self.lose("has closed the connection"),
             Ok(n) => n,
             Err(e) if matches!(e.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {
-                return;
+                // The rest of a frame does not come any more.
+                return incoming.flush(at, send);
             }
             Err(e) if e.kind() == io::ErrorKind::Interrupted => return,
             Err(e) => return self.lose(&format!("is gone ({e})")),

@@ -4,6 +4,7 @@
 //! and the eye in the world, the instruments in the eye, and the world in the eye. The origin of an instrument
 //! is its tip, that of world and eye the eye's centre of rotation (`docs/conventions.md`).
 
+use crate::incoming::STATUS_KEYS;
 use igtl::{Content, HeaderVersion, Message, STATUS_NOT_PRESENT, STATUS_OK, TooLong};
 use nalgebra::Isometry3;
 use protocol::geometry::Validity;
@@ -21,8 +22,10 @@ pub const NAMES: [&str; TRANSFORMS] = [
     "Instrument1ToEye",
     "WorldToEye",
 ];
-/// Place of the field's number in the metadata.
-const FRAME: usize = 1;
+/// Metadata of a transform: its status by both keys, the number of its field and the tracker's words for it.
+const KEYS: [&str; 4] = [STATUS_KEYS[0], STATUS_KEYS[1], "Frame", "Tracking"];
+/// Place of the field's number in [`KEYS`].
+const FRAME: usize = 2;
 /// Without metadata a status is sent when it changes and at least so often, ns.
 const STATUS_EVERY_NS: u64 = 1_000_000_000;
 
@@ -94,7 +97,9 @@ impl Writer {
             (message.unix_ns, message.id) = (unix_ns, self.id);
             message.content = Content::Transform(rows(&transforms[i]));
             let tracking = bodies[i].map_or("", |body| status_text(&frame.bodies[body]));
-            for ((_, text), value) in message.metadata.iter_mut().zip([states[i].word(), "", tracking]) {
+            for ((_, text), value) in
+                message.metadata.iter_mut().zip([states[i].word(), states[i].word(), "", tracking])
+            {
                 text.clear();
                 text.push_str(value);
             }
@@ -143,7 +148,7 @@ fn status(name: &str, state: ToolStatus, text: &str, unix_ns: u64, id: u32) -> M
 /// A transform's message before its first frame.
 fn empty(name: &str) -> Message {
     let of_body = NAMES[..=EYE].contains(&name);
-    let keys = ["Status", "Frame", "Tracking"].into_iter().take(if of_body { 3 } else { 2 });
+    let keys = KEYS.into_iter().take(if of_body { KEYS.len() } else { KEYS.len() - 1 });
     let metadata = keys.map(|key| (key.into(), String::new())).collect();
     Message { device: name.into(), unix_ns: 0, id: 0, metadata, content: Content::Transform([[0.0; 4]; 3]) }
 }
@@ -191,8 +196,11 @@ mod tests {
         messages
     }
 
+    /// The status by the key of PLUS, which is that of the other key.
     fn status_of(message: &Message) -> &str {
-        &message.metadata.iter().find(|(key, _)| key == "Status").unwrap().1
+        let of = |name: &str| &*message.metadata.iter().find(|(key, _)| key == name).unwrap().1;
+        assert_eq!(of("TransformStatus"), of("Status"));
+        of("TransformStatus")
     }
 
     /// Point `p` by a transform.

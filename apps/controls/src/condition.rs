@@ -1,6 +1,7 @@
 //! Kinds of problems of a pedal or of handles, and rates of defective lines. Pure.
 
 use protocol::condition::{self, ProblemKind};
+use protocol::limits::TEXT_BYTES;
 use protocol::time::Nanos;
 
 /// A device's problem in words.
@@ -50,6 +51,19 @@ impl ProblemKind for Kind {
     }
 }
 
+/// What is wrong with the devices, for a heartbeat: sentences, or the words of `docs/controls.md` where those do not
+/// fit.
+pub fn in_words(devices: [(&str, Option<&Condition>); 2]) -> String {
+    let conditions = || devices.into_iter().filter_map(|(name, condition)| Some((name, condition?)));
+    let sentences: Vec<String> = conditions().filter_map(|(_, condition)| condition.sentence()).collect();
+    let text = sentences.join("; ");
+    if text.len() <= TEXT_BYTES {
+        return text;
+    }
+    let kinds = conditions().filter_map(|(name, c)| Some(format!("{name}: {}", c.trouble()?.kind.name())));
+    kinds.collect::<Vec<_>>().join("; ")
+}
+
 /// Counts of something that happens now and then, and whether it is much of late.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Rate {
@@ -89,6 +103,28 @@ mod tests {
     use super::*;
 
     const S: u64 = 1_000_000_000;
+
+    #[test]
+    fn two_problems_are_shown_whole() {
+        let of = |name: &'static str, kind, text: &str| {
+            let mut condition = Condition::new(name);
+            condition.note(Some(Trouble::new(kind, text)), 0);
+            condition
+        };
+        let gone = of("the pedal", Kind::Gone, "is disconnected: it counts as up");
+        let words = |handles| in_words([("the pedal", Some(&gone)), ("the handles", handles)]);
+        assert_eq!(words(None), "the pedal is disconnected: it counts as up");
+        let silent =
+            of("the line of the handles", Kind::Silent, "is silent: tools and jaws keep their state");
+        assert!(
+            words(Some(&silent))
+                .ends_with("; the line of the handles is silent: tools and jaws keep their state")
+        );
+        let text = "is noisy: lines are rejected; check cable and baud rate";
+        let noisy = of("the line of the handles", Kind::Garbled, text);
+        assert_eq!(words(Some(&noisy)), "the pedal: gone; the handles: garbled");
+        assert_eq!(in_words([("the pedal", None), ("the handles", None)]), "");
+    }
 
     #[test]
     fn a_few_are_counted_and_many_are_a_trouble_until_a_quiet_second() {

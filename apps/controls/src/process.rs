@@ -6,6 +6,7 @@ mod handles;
 pub(crate) mod line;
 pub(crate) mod pedal;
 
+use crate::condition::in_words;
 use anyhow::{Context, Result, ensure};
 use figures::Figures;
 use handles::HandlesFeed;
@@ -95,11 +96,10 @@ impl Controls {
                 false => ipc::logging::message(tracing::Level::INFO, &news.text),
             }
         }
-        let wrong = [
-            self.pedal.as_ref().and_then(|pedal| pedal.condition.sentence()),
-            self.handles.as_ref().and_then(|handles| handles.condition.sentence()),
-        ];
-        let text = wrong.into_iter().flatten().collect::<Vec<_>>().join("; ");
+        let text = in_words([
+            ("the pedal", self.pedal.as_ref().map(|pedal| &pedal.condition)),
+            ("the handles", self.handles.as_ref().map(|handles| &handles.condition)),
+        ]);
         let state = if text.is_empty() { STATE_RUNNING } else { STATE_DEGRADED };
         if text != self.told {
             self.shell.report.state = state;

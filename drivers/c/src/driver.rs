@@ -21,6 +21,10 @@ const LOOK_NS: u64 = 20_000_000;
 const SLICE_NS: u64 = 20_000_000;
 /// Longest name of a driver, bytes.
 const MAX_NAME: usize = 32;
+/// Age above which what is sent cannot be of a live device, ns: its stamp is of another clock.
+const OLDEST_NS: u64 = 10_000_000_000;
+/// Poses, handles and pedals may be predicted so far ahead, ns; a camera has exposed what it sends.
+const PREDICTED_NS: u64 = 1_000_000_000;
 
 /// A field of pixels that is being written.
 struct Lent {
@@ -130,9 +134,8 @@ impl Driver {
         let mut field = *field;
         field.blobs_out_ns = if field.blobs_out_ns == 0 { now() } else { field.blobs_out_ns };
         self.check()?;
-        send(self.blobs.as_mut(), &field)?;
-        self.count(Process::BlobsDriver);
-        Ok(())
+        let sent = send(self.blobs.as_mut(), &field, Stamp::taken("BlobField.exposed_ns", field.exposed_ns));
+        self.note(Process::BlobsDriver, sent)
     }
 
     /// Sends the state of a handle. The library counts `seq`; where `instant_ns` is 0 it becomes the present one.
@@ -143,9 +146,9 @@ impl Driver {
         let seq = self.handles.as_ref().map_or(0, Sender::sent);
         let instant_ns = if handle.instant_ns == 0 { now() } else { handle.instant_ns };
         self.check()?;
-        send(self.handles.as_mut(), &HandleState { seq, instant_ns, ..*handle })?;
-        self.count(Process::HandlesDriver);
-        Ok(())
+        let stamp = Stamp::predicted("HandleState.instant_ns", instant_ns);
+        let sent = send(self.handles.as_mut(), &HandleState { seq, instant_ns, ..*handle }, stamp);
+        self.note(Process::HandlesDriver, sent)
     }
 
     /// Sends the state of the pedal. The library counts `seq`; where `instant_ns` is 0 it becomes the present one.
@@ -156,9 +159,9 @@ impl Driver {
         let seq = self.pedal.as_ref().map_or(0, Sender::sent);
         let instant_ns = if pedal.instant_ns == 0 { now() } else { pedal.instant_ns };
         self.check()?;
-        send(self.pedal.as_mut(), &PedalState { seq, instant_ns, ..*pedal })?;
-        self.count(Process::PedalDriver);
-        Ok(())
+        let stamp = Stamp::predicted("PedalState.instant_ns", instant_ns);
+        let sent = send(self.pedal.as_mut(), &PedalState { seq, instant_ns, ..*pedal }, stamp);
+        self.note(Process::PedalDriver, sent)
     }
 
     /// Sends poses. The library counts `frame`; where `instants.tracked` is 0 it becomes the present instant.
@@ -172,9 +175,9 @@ impl Driver {
             poses.instants.tracked = now();
         }
         self.check()?;
-        send(self.poses.as_mut(), &poses)?;
-        self.count(Process::PosesDriver);
-        Ok(())
+        let stamp = Stamp::predicted("TrackerFrame.instants.exposed", poses.instants.exposed);
+        let sent = send(self.poses.as_mut(), &poses, stamp);
+        self.note(Process::PosesDriver, sent)
     }
 
     /// Lends shared memory for the pixels of a field, as many bytes as its header says. It is sent by
@@ -205,18 +208,19 @@ impl Driver {
     /// Sends the field that was lent.
     ///
     /// # Errors
-    /// Where none is lent, the run has ended, or the transport fails.
+    /// Where none is lent, it was not exposed of late, the run has ended, or the transport fails.
     pub fn send_field(&mut self) -> Result<(), Failure> {
         self.check()?;
         let lent = self
             .lent
             .take()
             .ok_or_else(|| failure(Code::Loan, "no field is on loan: call vitreo_lend_field first"))?;
-        if let Some(fields) = &mut self.fields {
-            fields.send_loan(lent.loan, &lent.header)?;
-        }
-        self.count(Process::FieldsDriver);
-        Ok(())
+        let stamp = Stamp::taken("FieldHeader.exposed_ns", lent.header.exposed_ns);
+        let sent = stamp.check(now()).and_then(|()| match &mut self.fields {
+            Some(fields) => Ok(fields.send_loan(lent.loan, &lent.header)?),
+            None => Ok(()),
+        });
+        self.note(Process::FieldsDriver, sent)
     }
 
     /// The next poses, waited for at most `wait_ns`; `None` where none came.
@@ -260,10 +264,54 @@ impl Driver {
         self.roles
     }
 
-    fn count(&mut self, process: Process) {
+    /// Counts what was sent, or refused for what it says; that is shown until the next block is sent.
+    fn note(&mut self, process: Process, sent: Result<(), Failure>) -> Result<(), Failure> {
         let place = self.processes.iter().position(|p| *p == process);
         let place = place.unwrap_or(SENDERS.len() - 1);
-        self.heart.tell(|pulse| pulse.sent[place] += 1);
+        match &sent {
+            Ok(()) => self.heart.tell(|pulse| {
+                pulse.sent[place] += 1;
+                pulse.refusal[place] = None;
+            }),
+            Err(failure) if failure.code == Code::Invalid => self.heart.tell(|pulse| {
+                pulse.refused[place] += 1;
+                pulse.refusal[place] = Some(failure.text.clone());
+            }),
+            Err(_) => {}
+        }
+        sent
+    }
+}
+
+/// When something was measured, by the clock of the driver.
+struct Stamp {
+    field: &'static str,
+    instant_ns: Nanos,
+    ahead_ns: u64,
+}
+
+impl Stamp {
+    /// Of what was measured before it is sent.
+    fn taken(field: &'static str, instant_ns: Nanos) -> Self {
+        Stamp { field, instant_ns, ahead_ns: 0 }
+    }
+
+    /// Of what may be predicted.
+    fn predicted(field: &'static str, instant_ns: Nanos) -> Self {
+        Stamp { field, instant_ns, ahead_ns: PREDICTED_NS }
+    }
+
+    /// Refuses an instant of another clock, or of one that jumped.
+    fn check(&self, now: Nanos) -> Result<(), Failure> {
+        let Stamp { field, instant_ns, ahead_ns } = *self;
+        let (ahead, old) = (instant_ns.saturating_sub(now), now.saturating_sub(instant_ns));
+        if ahead <= ahead_ns && old <= OLDEST_NS {
+            return Ok(());
+        }
+        let (off_ns, side) = if ahead > 0 { (ahead, "ahead") } else { (old, "ago") };
+        let (past_s, off_s) = (OLDEST_NS / 1_000_000_000, off_ns as f64 * 1e-9);
+        let text = format!("{field}: expected the last {past_s} s of vitreo_now, found {off_s:.3} s {side}");
+        Err(failure(Code::Invalid, text))
     }
 }
 
@@ -272,9 +320,10 @@ fn no_role(what: &str) -> Failure {
 }
 
 /// Sends a block that makes sense.
-fn send<M: Message>(sender: Option<&mut Sender<M>>, message: &M) -> Result<(), Failure> {
+fn send<M: Message>(sender: Option<&mut Sender<M>>, message: &M, stamp: Stamp) -> Result<(), Failure> {
     let sender = sender.ok_or_else(|| no_role(&format!("send {}", M::CHANNEL)))?;
     message.validate()?;
+    stamp.check(now())?;
     Ok(sender.send(message)?)
 }
 

@@ -7,7 +7,7 @@ use ipc::clock::now;
 use ipc::outside::Host;
 use ipc::{Instance, IpcError, Queue, Receiver, Sender, wait};
 use protocol::control::{Answer, Command, Request};
-use protocol::health::{Health, Process, STATE_RUNNING, STATE_STARTING};
+use protocol::health::{Health, Process, STATE_DEGRADED, STATE_RUNNING, STATE_STARTING};
 use protocol::limits::HEARTBEAT_NS;
 use protocol::message::text_bytes;
 use protocol::time::Nanos;
@@ -29,12 +29,25 @@ pub(crate) struct Pulse {
     pub text: String,
     /// Blocks sent, by place in the driver's processes.
     pub sent: [u64; 5],
+    /// Blocks refused before they were sent, and why the newest one was, by the same place.
+    pub refused: [u64; 5],
+    pub refusal: [Option<String>; 5],
     /// Blocks read, lost and refused.
     pub read: [u64; 3],
     /// Why the driver has to stop, once it has.
     pub stop: Option<&'static str>,
     /// The driver was closed.
     closed: bool,
+}
+
+impl Pulse {
+    /// State and words of one of the driver's processes: what it says itself, or that its blocks are refused.
+    fn said(&self, place: usize) -> (u32, String) {
+        match &self.refusal[place] {
+            Some(why) if self.state == STATE_RUNNING => (STATE_DEGRADED, format!("{}: {why}", self.text)),
+            _ => (self.state, self.text.clone()),
+        }
+    }
 }
 
 /// The heart of one driver.
@@ -171,10 +184,12 @@ impl Beating {
             let mut health: Health = bytemuck::Zeroable::zeroed();
             let [received, lost, refused] = told.read;
             (health.instant_ns, health.process, health.pid) = (at, *process as u32, std::process::id());
-            (health.state, health.sent) = (told.state, told.sent[place]);
-            (health.received, health.lost, health.refused) = (received, lost, refused);
+            let (state, text) = told.said(place);
+            (health.state, health.sent) = (state, told.sent[place]);
+            (health.received, health.lost) = (received, lost);
+            health.refused = refused + told.refused[place];
             health.cpu_ns = if place == 0 { ipc::clock::cpu_ns() } else { 0 };
-            health.text = text_bytes(&told.text);
+            health.text = text_bytes(&text);
             self.health.send(&health)?;
         }
         Ok(())

@@ -1,6 +1,6 @@
 """Hands poses and events of a running simulator on to the Lab Streaming Layer, beside EEG, gaze or video:
 
-    pip install 'vitreo[lsl]'
+    pip install './drivers/python[lsl]'
     python -m vitreo.lsl --instance main
 
 Two streams: "vitreo poses" has 27 channels a tracker frame, nine for each instrument and the eye; "vitreo events" has
@@ -94,7 +94,7 @@ def main():
     try:
         import pylsl
     except (ImportError, RuntimeError) as problem:
-        raise SystemExit(f"vitreo.lsl: {problem}: pip install 'vitreo[lsl]'") from None
+        raise SystemExit(f"vitreo.lsl: {problem}: pip install pylsl") from None
     roles = vitreo.READS_POSES | vitreo.READS_EVENTS
     try:
         with vitreo.Driver(arguments.instance, "lsl", roles, wait_s=arguments.wait) as driver:

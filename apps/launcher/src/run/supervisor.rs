@@ -262,7 +262,20 @@ impl Supervisor {
             what: health.text(),
             cause: "the device, its cable, or the writer of its pipe; the run continues without it".into(),
             remedy: "check it with vitreo pedal or vitreo handles; it resumes by itself".into(),
-            subject: "pedal and handles".into(),
+            // A different problem is reported again.
+            subject: format!("pedal and handles: {}", health.text()),
+        })
+    }
+
+    /// What the tracker refuses or withholds, in its words.
+    pub fn trouble_of_tracker(&self) -> Option<Finding> {
+        let tracker = self.slots.iter().find(|s| s.process == Process::Tracker)?;
+        let health = tracker.health.filter(|h| h.state == STATE_DEGRADED)?;
+        Some(Finding {
+            what: format!("tracker: {}", health.text()),
+            cause: "clock, counters or camera numbers of what sends them".into(),
+            remedy: "check that program and the rig; the run continues with what can be used".into(),
+            subject: format!("tracker: {}", health.text()),
         })
     }
 

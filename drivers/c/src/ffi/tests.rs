@@ -75,10 +75,11 @@ fn every_channel_takes_its_block_and_a_field_is_written_where_it_lies() {
     let handle = HandleState { tool: 1, ..bytemuck::Zeroable::zeroed() };
     let pedal: PedalState = bytemuck::Zeroable::zeroed();
     let mut frame: TrackerFrame = bytemuck::Zeroable::zeroed();
-    frame.instants.exposed = 5;
+    let exposed_ns = vitreo_now();
+    frame.instants.exposed = exposed_ns;
     frame.bodies.iter_mut().for_each(|b| b.world_from_body = protocol::geometry::Pose::IDENTITY);
     let header = FieldHeader {
-        exposed_ns: 1,
+        exposed_ns,
         line_period_ns: 64_000,
         format: protocol::fields::FORMAT_YCBCR_422,
         width: 8,
@@ -104,7 +105,7 @@ fn every_channel_takes_its_block_and_a_field_is_written_where_it_lies() {
         assert_eq!(vitreo_next_poses(driver, &mut frame, size_of::<TrackerFrame>(), 1_000), 0);
     }
     let seqs: Vec<u64> = std::iter::from_fn(|| handles.next_valid().unwrap()).map(|h| h.seq).collect();
-    assert_eq!((seqs, frame.instants.exposed), (vec![0, 1], 5));
+    assert_eq!((seqs, frame.instants.exposed), (vec![0, 1], exposed_ns));
     assert!(pedals.next_valid().unwrap().is_some_and(|p| p.instant_ns > 0));
     assert!(poses.next_valid().unwrap().is_some_and(|p| p.instants.tracked > 0));
     let field = fields.receive().unwrap().expect("a field");
@@ -181,6 +182,66 @@ fn a_driver_belongs_to_its_thread_and_stops_with_its_run() {
     let ended = unsafe { vitreo_next_poses(driver, &mut frame, size_of::<TrackerFrame>(), -1) };
     assert_eq!((ended, vitreo_check(driver)), (Code::Stop as i32, Code::Stop as i32));
     assert_eq!(words(), "the run has ended");
+    assert_eq!(vitreo_close(driver), 0);
+}
+
+#[test]
+fn an_instant_of_another_clock_is_refused_counted_and_shown_until_the_next_is_right() {
+    use protocol::health::{Process, STATE_DEGRADED, STATE_RUNNING};
+    const S: u64 = 1_000_000_000;
+    let (run, name) = run("clock");
+    let mut health = run.receiver::<Health>(Queue::InOrder).unwrap();
+    let (code, driver) = open(&name, SENDS_BLOBS | SENDS_POSES | SENDS_PEDAL);
+    assert_eq!(code, 0, "{}", words());
+    let mut until = |wanted: &dyn Fn(&Health) -> bool| loop {
+        ipc::wait(&[&health], 100_000_000);
+        while let Some(beat) = health.next_valid().unwrap() {
+            if wanted(&beat) {
+                return;
+            }
+        }
+    };
+    // SAFETY: blocks of their sizes.
+    let send = |exposed_ns: u64| unsafe {
+        vitreo_send_blobs(driver, &BlobField { exposed_ns, ..blobs() }, size_of::<BlobField>())
+    };
+    let poses = |exposed_ns: u64| {
+        let mut frame: TrackerFrame = bytemuck::Zeroable::zeroed();
+        frame.instants.exposed = exposed_ns;
+        frame.bodies.iter_mut().for_each(|b| b.world_from_body = protocol::geometry::Pose::IDENTITY);
+        // SAFETY: a block of its size.
+        unsafe { vitreo_send_poses(driver, &frame, size_of::<TrackerFrame>()) }
+    };
+    let invalid = Code::Invalid as i32;
+    assert_eq!(send(vitreo_now() + 3_600 * S), invalid);
+    assert!(
+        words().starts_with("BlobField.exposed_ns: expected the last 10 s of vitreo_now, found 3"),
+        "{}",
+        words()
+    );
+    assert!(words().ends_with(" s ahead"), "{}", words());
+    assert_eq!(send(vitreo_now().saturating_sub(11 * S).max(1)), invalid);
+    assert!(words().ends_with(" s ago"), "{}", words());
+    assert_eq!(send(vitreo_now() + ipc::clock::realtime_offset_ns()), invalid, "CLOCK_REALTIME");
+    // Exposed before it is sent; poses may be predicted.
+    assert_eq!((send(vitreo_now() + S / 2), poses(vitreo_now() + S / 2)), (invalid, 0), "{}", words());
+    assert_eq!(poses(vitreo_now() + 3_600 * S), invalid);
+    assert!(words().starts_with("TrackerFrame.instants.exposed: "), "{}", words());
+    let pedal = PedalState { instant_ns: vitreo_now() + 60 * S, ..bytemuck::Zeroable::zeroed() };
+    // SAFETY: a block of its size.
+    assert_eq!(unsafe { vitreo_send_pedal(driver, &pedal, size_of::<PedalState>()) }, invalid);
+    let of_blobs = |beat: &Health| beat.process == Process::BlobsDriver as u32;
+    until(&|beat| {
+        of_blobs(beat)
+            && beat.state == STATE_DEGRADED
+            && beat.refused == 4
+            && beat.sent == 0
+            && beat.text().starts_with("test: BlobField.exposed_ns: expected the last 10 s")
+    });
+    assert_eq!(send(vitreo_now()), 0, "{}", words());
+    until(&|beat| {
+        of_blobs(beat) && beat.state == STATE_RUNNING && beat.refused == 4 && beat.text() == "test"
+    });
     assert_eq!(vitreo_close(driver), 0);
 }
 

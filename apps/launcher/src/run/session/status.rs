@@ -73,6 +73,7 @@ impl Session<'_> {
         found.extend(self.supervisor.trouble_of_drivers(at));
         found.extend(self.supervisor.trouble_of_controls());
         found.extend(self.supervisor.trouble_of_other_tracker());
+        found.extend(self.supervisor.trouble_of_tracker());
         let at_s = self.elapsed_s(at);
         for finding in self.consumers.watch.note(at_s, &found) {
             self.warn_of(&finding, at);
@@ -88,6 +89,7 @@ impl Session<'_> {
         let source = self.args.source();
         let told = self.supervisor.trouble_of_streams().is_some()
             || self.supervisor.trouble_of_other_tracker().is_some()
+            || self.supervisor.trouble_of_tracker().is_some()
             || self.supervisor.lacks(source, at);
         if self.started_ns == 0 || self.paused_ns.is_some() || told || !self.supervisor.all_ready() {
             return self.consumers.silence.excuse(at, at_s);
