@@ -10,7 +10,7 @@ use crate::pictures::PicturesArgs;
 use crate::places::{beside, exchanged, laid_over, spread_mm};
 use crate::stream::{self, MOST_INSTANTS, Stream};
 use crate::{Refused, refuse};
-use anyhow::{Result, bail};
+use anyhow::Result;
 use calibration::bundle::PriorSigmas;
 use calibration::causes::measure;
 use calibration::cli::{BoardArgs, waved_report};
@@ -46,15 +46,6 @@ pub struct PosesArgs {
     /// instruments where no board is given.
     #[command(flatten)]
     pub pictures: PicturesArgs,
-    /// With waved instruments, refine the lenses too. Standard deviation of focal lengths and principal point, and of the
-    /// shift by distortion at the corners of the picture, px.
-    #[arg(long, value_name = "PX", value_parser = lens_px)]
-    pub lens_px: Option<f64>,
-}
-
-fn lens_px(text: &str) -> Result<f64, String> {
-    let px = text.parse().ok().filter(|px: &f64| *px > 0.0 && *px <= LARGEST_LENS_PX);
-    px.ok_or_else(|| format!("expected more than 0 and at most {LARGEST_LENS_PX} px"))
 }
 
 /// Runs the step.
@@ -64,12 +55,7 @@ fn lens_px(text: &str) -> Result<f64, String> {
 pub fn run(folder: &Folder, rig: &Rig, args: &PosesArgs) -> Result<Outcome> {
     let is_waved = |path: &Path| stream::is_stream(path) || (is_recording(path) && !args.board.is_given());
     match args.pictures.from.as_slice() {
-        [path] if is_waved(path) => waved(folder, rig, path, args.lens_px.unwrap_or(0.0)),
-        _ if args.lens_px.is_some() => {
-            bail!(
-                "--lens-px: expected --from STREAM of waved instruments; from a board, lenses calibrates them"
-            )
-        }
+        [path] if is_waved(path) => waved(folder, rig, path),
         _ => boards(rig, args),
     }
 }
@@ -211,16 +197,13 @@ fn keep_or(rig: &Rig, new: Rig, outcome: &mut Outcome) -> Option<Rig> {
     Some(new)
 }
 
-/// Largest uncertainty of a lens that waving can mend, px.
-const LARGEST_LENS_PX: f64 = 100.0;
 /// How sure a rig is before its instruments are waved.
 const BEFORE: PriorSigmas = PriorSigmas { camera_mm: 0.2, camera_rad: 2e-3, marker_mm: 0.01, lens_px: 0.0 };
 
-fn waved(folder: &Folder, rig: &Rig, path: &Path, lens_px: f64) -> Result<Outcome> {
-    let known = PriorSigmas { lens_px, ..BEFORE };
+fn waved(folder: &Folder, rig: &Rig, path: &Path) -> Result<Outcome> {
     let stream = stream::load(rig, path, folder.colours().as_deref())?;
     let refined = |fields: &[BlobField]| {
-        refine_stream(rig, fields, &known, MOST_INSTANTS, &mut |_, _| {}).map_err(|problem| {
+        refine_stream(rig, fields, &BEFORE, MOST_INSTANTS, &mut |_, _| {}).map_err(|problem| {
             Refused(vec![format!(
                 "the stream does not determine where the cameras are ({problem}): do poses from a board \
                  first, wave slowly, and keep \

@@ -6,7 +6,7 @@ mod painted;
 use clap::Parser;
 use fpga_model::commands::blobs::{self, BlobsArgs};
 use nalgebra::Vector3;
-use painted::{displaced, places_off, record_pixels, stream, tips_um, write_stream};
+use painted::{displaced, places_off, record_pixels, stream, tips_um};
 use rig::{Rig, Trocar};
 use std::path::Path;
 use std::process::{Command, Output};
@@ -48,33 +48,6 @@ fn rig_after(args: &[&str]) -> (Rig, String) {
     assert!(output.status.success(), "{args:?}: {err}");
     println!("{out}{err}");
     (Rig::load(&Path::new(args[0]).join("rig.json")).unwrap(), out + &err)
-}
-
-#[test]
-fn waved_instruments_refine_lenses_too() {
-    let truth = Rig::load_or_shipped(None).unwrap();
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name).display().to_string();
-    let [wave, begin] = ["wave.jsonl", "begin.json"].map(path);
-    let seen = stream(&truth, 12.0);
-    write_stream(&seen.fields, Path::new(&wave));
-    let mut off = displaced(&truth, 0.05, 0.5);
-    off.cameras.iter_mut().for_each(|c| (c.cx, c.cy) = (c.cx + 3.0, c.cy - 2.0));
-    std::fs::write(&begin, off.to_json()).unwrap();
-    let poses = |new: &str, more: &[&str]| {
-        let (rig, _) = rig_after(&[&[&*path(new), "--rig", &begin, "poses", "--from", &wave], more].concat());
-        tips_um(&rig, &seen)
-    };
-    let (kept_um, refined_um) = (poses("a", &[]), poses("b", &["--lens-px", "5"]));
-    let true_um = tips_um(&truth, &seen);
-    println!(
-        "tips {kept_um:.2} µm with the lenses kept, {refined_um:.2} refined, {true_um:.2} with the true rig"
-    );
-    assert!(refined_um < 1.3 * true_um + 0.5 && refined_um < kept_um);
-    let board = ["poses", "--board", "9x6", "--from", &*wave, &*wave, "--lens-px", "5"];
-    let output = commission(&[&[&*path("c")], &board[..]].concat());
-    let told = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.code() == Some(1) && told.contains("lenses calibrates them"), "{told}");
 }
 
 #[test]
