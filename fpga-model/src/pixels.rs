@@ -40,7 +40,7 @@ pub fn decode(header: &FieldHeader, payload: &[u8], picture: &mut FieldPicture) 
             }
             _ => {
                 let mosaic = Mosaic::new(format, payload, [width, lines]);
-                fill([luma, blue, red], |x| mosaic.rgb(x, y));
+                fill_from_mosaic([luma, blue, red], &mosaic, y);
             }
         }
     }
@@ -54,6 +54,51 @@ fn fill([luma, blue, red]: [&mut [u8]; 3], rgb: impl Fn(usize) -> [u8; 3]) {
         (luma[2 * pair], luma[2 * pair + 1]) = (both[0][0], both[1][0]);
         blue[pair] = both[0][1].midpoint(both[1][1]);
         red[pair] = both[0][2].midpoint(both[1][2]);
+    }
+}
+
+/// A line of planes from a mosaic: as [`Mosaic::rgb`] of each pixel, and some ten times as fast where pixels lie on all
+/// sides.
+fn fill_from_mosaic([luma, blue, red]: [&mut [u8]; 3], mosaic: &Mosaic<'_>, y: usize) {
+    let [width, height] = mosaic.size;
+    if y == 0 || y + 1 == height || width < 6 {
+        return fill([luma, blue, red], |x| mosaic.rgb(x, y));
+    }
+    let (from, to) = (2, width - 2);
+    for edge in [0..from, to..width] {
+        let halves = edge.start / 2..edge.end / 2;
+        let parts = [&mut luma[edge.clone()], &mut blue[halves.clone()], &mut red[halves]];
+        fill(parts, |x| mosaic.rgb(edge.start + x, y));
+    }
+    let inner = mosaic.inner_line(y);
+    let parts = [&mut luma[from..to], &mut blue[from / 2..to / 2], &mut red[from / 2..to / 2]];
+    fill(parts, |x| inner.rgb(from + x));
+}
+
+/// A line of a mosaic with those above and below it.
+struct InnerLine<'a> {
+    above: &'a [u8],
+    own: &'a [u8],
+    below: &'a [u8],
+    /// 0 where the first pixel is not green, else 1.
+    first_coloured: usize,
+    /// Its pixels are red and green, not blue and green.
+    is_red: bool,
+}
+
+impl InnerLine<'_> {
+    /// The colour of a pixel that is neither the first nor the last.
+    fn rgb(&self, x: usize) -> [u8; 3] {
+        let InnerLine { above, own, below, .. } = *self;
+        let of = |line: &[u8], x: usize| u16::from(line[x]);
+        let [beside, between] = [of(own, x - 1) + of(own, x + 1), of(above, x) + of(below, x)];
+        let (along, green, across) = if x % 2 == self.first_coloured {
+            let corners = of(above, x - 1) + of(above, x + 1) + of(below, x - 1) + of(below, x + 1);
+            (own[x], ((beside + between + 2) / 4) as u8, ((corners + 2) / 4) as u8)
+        } else {
+            (beside.div_ceil(2) as u8, own[x], between.div_ceil(2) as u8)
+        };
+        if self.is_red { [along, green, across] } else { [across, green, along] }
     }
 }
 
@@ -73,6 +118,14 @@ impl<'a> Mosaic<'a> {
     /// The filter at a place: 0 red, 1 green, 2 blue. Red and blue lie on one diagonal of each two by two pixels.
     fn filter(&self, x: usize, y: usize) -> usize {
         (x + self.red[0]) % 2 + (y + self.red[1]) % 2
+    }
+
+    /// A line that is neither the first nor the last.
+    fn inner_line(&self, y: usize) -> InnerLine<'_> {
+        let line = |y: usize| &self.samples[y * self.size[0]..][..self.size[0]];
+        let is_red = (y + self.red[1]).is_multiple_of(2);
+        let first_coloured = usize::from(self.filter(0, y) == 1);
+        InnerLine { above: line(y - 1), own: line(y), below: line(y + 1), first_coloured, is_red }
     }
 
     /// The colour of a pixel: its own sample, and the means of the nearest of the two others.
@@ -139,6 +192,32 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn a_mosaic_is_decoded_as_pixel_by_pixel(
+            pairs in 1usize..9, lines in 1usize..7, seed in any::<u64>(), which in 0usize..4,
+        ) {
+            let mosaics = PixelFormat::ALL.into_iter().filter(|f| f.first_red().is_some());
+            let format = mosaics.collect::<Vec<_>>()[which];
+            let (width, mut random) = (2 * pairs, seed);
+            let payload: Vec<u8> = (0..width * lines)
+                .map(|_| {
+                    random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                    (random >> 56) as u8
+                })
+                .collect();
+            let mut picture = FieldPicture::of_size([width, lines]);
+            let header = header(format, [width, lines].map(|n| n as u32));
+            prop_assert_eq!(decode(&header, &payload, &mut picture), Some(lines));
+            let mosaic = Mosaic::new(format, &payload, [width, lines]);
+            for (y, x) in (0..lines).flat_map(|y| (0..width).map(move |x| (y, x))) {
+                let [first, second] = [x & !1, x | 1].map(|x| ycc_of_rgb(mosaic.rgb(x, y)));
+                let own = if x % 2 == 0 { first } else { second };
+                let found = [picture.luma[y * width + x], picture.blue[(y * width + x) / 2]];
+                prop_assert_eq!(found, [own[0], first[1].midpoint(second[1])]);
+                prop_assert_eq!(picture.red[(y * width + x) / 2], first[2].midpoint(second[2]));
+            }
+        }
+
         #[test]
         fn any_payload_is_decoded_or_refused(
             code in 0u32..9, width in 0u32..9, lines in 0u32..6,

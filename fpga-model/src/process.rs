@@ -24,6 +24,9 @@ use protocol::phases::Phase;
 use protocol::time::Nanos;
 use rig::Rig;
 
+/// Longest time for which fields are scanned without a heartbeat, ns.
+const TURN_NS: u64 = 200_000_000;
+
 /// Runs the camera hardware until it is stopped.
 ///
 /// # Errors
@@ -45,6 +48,8 @@ struct FpgaModelShell {
     /// From one field of the slowest camera to the next, ns.
     period_ns: u64,
     outbox: Outbox,
+    /// Fields wait that the last turn had no time for.
+    is_behind: bool,
     /// Number of each camera's newest field.
     newest: [u64; MAX_CAMERAS],
     /// Fields of no camera of the rig, or of another size.
@@ -68,6 +73,7 @@ impl FpgaModelShell {
             extractors,
             period_ns,
             outbox: Outbox::default(),
+            is_behind: false,
             newest: [0; MAX_CAMERAS],
             foreign: 0,
             passed_over: 0,
@@ -76,10 +82,17 @@ impl FpgaModelShell {
         })
     }
 
-    /// Scans the fields received.
+    /// Scans the fields received. Where they come faster than they can be scanned, blobs and heartbeats leave
+    /// between them.
     fn take_fields(&mut self) -> Result<()> {
+        let until = now() + TURN_NS;
+        self.is_behind = false;
         while let Some(sample) = self.fields.receive()? {
             self.take(&sample)?;
+            self.is_behind = now() >= until;
+            if self.is_behind {
+                break;
+            }
         }
         let counts = self.fields.counts();
         self.shell.report.received = counts.received;
@@ -156,8 +169,11 @@ impl Work<anyhow::Error> for FpgaModelShell {
         &mut self.shell
     }
 
-    /// Until a field comes or one is due.
+    /// Until a field comes or one is due; not at all while fields wait.
     fn rest(&mut self) {
+        if self.is_behind {
+            return;
+        }
         self.shell.rest_to(&[&self.fields], self.outbox.due_ns().unwrap_or(Nanos::MAX));
     }
 

@@ -138,14 +138,29 @@ impl Default for Budgets {
 /// Percent of the cameras' period that a step may take: the rest is for what is late.
 const STEP_PERCENT: u64 = 80;
 
+/// Extraction and jitter after the read-out of a field, as in the defaults, ms.
+const AFTER_READ_OUT_MS: f64 = 4.5;
+
 impl Budgets {
-    /// The defaults for cameras of a period, ns: a step must be done before the next field, so its budget is
-    /// [`STEP_PERCENT`] of the period where that is less.
-    pub fn at_period(period_ns: u64) -> Self {
+    /// The defaults for a rig whose fastest camera has a period, ns, and whose slowest one has been read out
+    /// `read_out_ns` after mid-exposure. A step must be done before the next field, so its budget is [`STEP_PERCENT`] of
+    /// the period where that is less. Cameras that need longer than the defaults' have what they need, and the
+    /// whole system has that much more.
+    pub fn of_rig(period_ns: u64, read_out_ns: u64) -> Self {
         let mut all = Budgets::default();
         let step_ms = (period_ns * STEP_PERCENT / 100) as f64 / 1e6;
-        for budget in all.budget.iter_mut().filter(|b| b.stage == Stage::Simulation) {
-            budget.limit_ms = budget.limit_ms.min(step_ms);
+        let camera_ms = read_out_ns as f64 / 1e6 + AFTER_READ_OUT_MS;
+        let more_ms = (camera_ms - all.of(Stage::Camera).limit_ms).max(0.0);
+        for budget in &mut all.budget {
+            match budget.stage {
+                Stage::Simulation => budget.limit_ms = budget.limit_ms.min(step_ms),
+                Stage::Camera => budget.limit_ms += more_ms,
+                Stage::WholeSystem => {
+                    budget.limit_ms += more_ms;
+                    budget.mean_ms += more_ms;
+                }
+                _ => {}
+            }
         }
         all
     }
@@ -209,13 +224,23 @@ mod tests {
 
     #[test]
     fn a_step_has_its_budget_of_the_paper_or_most_of_a_period_and_a_file_wins() {
-        let step_ms = |period_ns| Budgets::at_period(period_ns).of(Stage::Simulation).limit_ms;
+        let step_ms = |period_ns| Budgets::of_rig(period_ns, 0).of(Stage::Simulation).limit_ms;
         assert_eq!([40_000_000, 20_000_000, 5_000_000, 2_000_000].map(step_ms), [8.5, 8.5, 4.0, 1.6]);
-        assert_eq!(Budgets::at_period(20_000_000), Budgets::default());
+        assert_eq!(Budgets::of_rig(20_000_000, 20_432_000), Budgets::default());
         let text = "[[budget]]\nstage = \"simulation\"\nlimit_ms = 7";
-        let budgets = Budgets::at_period(5_000_000).overridden_by(text, "b.toml").unwrap();
+        let budgets = Budgets::of_rig(5_000_000, 3_500_000).overridden_by(text, "b.toml").unwrap();
         assert_eq!(budgets.of(Stage::Simulation).limit_ms, 7.0);
         assert_eq!(budgets.of(Stage::Camera), Budgets::default().of(Stage::Camera));
+    }
+
+    #[test]
+    fn cameras_that_are_read_out_for_longer_have_what_they_need() {
+        let budgets = Budgets::of_rig(40_000_000, 36_560_000);
+        let ms = |stage| (budgets.of(stage).limit_ms, budgets.of(stage).mean_ms);
+        assert!((ms(Stage::Camera).0 - 41.06).abs() < 1e-9);
+        let (limit, mean) = ms(Stage::WholeSystem);
+        assert!((limit - 81.06).abs() < 1e-9 && (mean - 66.06).abs() < 1e-9, "{limit} {mean}");
+        assert_eq!(ms(Stage::Simulation), (8.5, 0.0));
     }
 
     #[test]

@@ -8,6 +8,7 @@ use protocol::fields::{DARK, FieldPicture};
 use protocol::geometry::Validity;
 use protocol::health::{Process, STATE_DEGRADED, STATE_RUNNING, STATE_STARTING};
 use protocol::poses::TrackerFrame;
+use recording::{Item, Recording};
 use rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 use std::io::{ErrorKind, Write};
@@ -319,6 +320,89 @@ fn the_program_of_the_cameras_may_be_killed_and_the_recording_verifies() {
     assert!(matches!(finished.code, Some(0 | 3)), "{finished:?}");
     assert_eq!(json(&bench.path("r.json"))["restarts"]["virtual-rig"], 1);
     verify(&bench.path("r.mcap")).expect_but([60, 60], &[WITHOUT_FRAME, "gaps", "lack"]);
+}
+
+/// Fields between the turns of pictures that go forth and back.
+const TURN: usize = 14;
+/// Fields after a turn in which a motion is not yet followed.
+const SETTLED: usize = 4;
+
+/// The clip of a camera forth and back, without an end: fields 0 to 14, then 13 to 1.
+fn forth_and_back(clip: &Path) -> (Vec<u8>, Vec<Vec<u8>>) {
+    let bytes = std::fs::read(clip).expect("a clip");
+    let head = bytes.iter().position(|b| *b == b'\n').expect("a header") + 1;
+    let pictures: Vec<&[u8]> = bytes[head..].chunks((bytes.len() - head) / (TURN + 1)).collect();
+    let order = (0..=TURN).chain((1..TURN).rev());
+    (bytes[..head].to_vec(), order.map(|i| pictures[i].to_vec()).collect())
+}
+
+/// Tips of both instruments in each field of the clip, mm.
+fn drawn_tips(truth: &Path) -> Vec<[[f64; 3]; 2]> {
+    let text = std::fs::read_to_string(truth).expect("the truth");
+    let mut rows = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let names = rows.next().expect("names of the columns");
+    let column = |name: String| names.iter().position(|n| *n == name).expect("a column");
+    let columns = [0, 1].map(|i| ["x", "y", "z"].map(|axis| column(format!("inst{i}_{axis}"))));
+    let rows: Vec<_> = rows.collect();
+    let at = |ms: usize| columns.map(|of_tip| of_tip.map(|c| rows[ms][c].parse().expect("a number")));
+    // A row a millisecond; field 0 was exposed at 48 ms.
+    (0..=TURN).map(|field| at(48 + 20 * field)).collect()
+}
+
+#[test]
+fn moving_pictures_through_three_pipes_give_the_tips_that_were_drawn() {
+    let Some(truth) = skips::data("../tracker-data/pictures-pal/truth.csv") else { return };
+    let (bench, tips) = (Bench::new(), drawn_tips(&truth));
+    let (pipes, record) = (bench.pipes(), bench.text("r.mcap"));
+    let further = ["--record", &record, "--duration", "4"];
+    let run = Running::start(&words(&bench.run(&instance_name(), &["a", "b", "c"], &further)));
+    let clip = |i: usize| forth_and_back(&truth.with_file_name(format!("cam{i}.y4m")));
+    let writers = [0, 1, 2].map(|i| Writer::of(&pipes[i], clip(i), false));
+    let finished = run.finish();
+    writers.into_iter().for_each(Writer::close);
+    assert!(matches!(finished.code, Some(0 | 3)), "{finished:?}");
+    let (mut squares, mut count) = (0.0, 0);
+    for (_, item) in
+        Recording::open(&bench.path("r.mcap")).expect("a recording").items_of(&["poses"]).flatten()
+    {
+        let Item::Poses(frame) = item else { continue };
+        let phase = frame.field as usize % (2 * TURN);
+        if frame.field < 50 || frame.used_count < 3 || phase % TURN < SETTLED {
+            continue;
+        }
+        let drawn = tips[if phase <= TURN { phase } else { 2 * TURN - phase }];
+        for (body, tip) in frame.bodies.iter().zip(drawn) {
+            assert_eq!(body.validity(), Validity::Measured, "field {}", frame.field);
+            let found = body.world_from_body.position_mm;
+            squares += found.iter().zip(tip).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
+            count += 1;
+        }
+    }
+    let rms_um = 1e3 * (squares / f64::from(count)).sqrt();
+    println!("{count} tips, {rms_um:.2} µm RMS");
+    assert!(count > 20 && rms_um <= 10.0, "{count} tips, {rms_um} µm");
+}
+
+#[test]
+fn recorded_pixels_are_replayed_as_their_blobs() {
+    let bench = Bench::new();
+    let [pixels, blobs, again] = ["p.mcap", "b.jsonl", "r.jsonl"].map(|name| bench.text(name));
+    vitreo(&["cameras", "virtual", "--duration", "2", "--record-fields", &pixels]).expect_code(0);
+    let found = vitreo(&["blobs", &pixels, "-o", &blobs]).expect_code(0);
+    assert!(!found.stderr.contains("truncated"), "{}", found.stderr);
+    let replayed = vitreo(&["replay", &pixels, "--lockstep", "--blobs", &again]).expect_code(0);
+    assert!(replayed.stdout.contains("inst0 measured"), "{replayed:?}");
+    let lines = |file: &str| {
+        let text = std::fs::read_to_string(bench.path(file)).expect("a stream");
+        let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+        lines.sort();
+        lines
+    };
+    assert!(lines("b.jsonl").len() > 6 && lines("b.jsonl").len() == lines("r.jsonl").len());
+    let refused = vitreo(&["replay", &pixels, "--verify"]).expect_code(1);
+    assert!(refused.stderr.contains("has no results to compare with"), "{}", refused.stderr);
+    let refused = vitreo(&["info", &pixels]).expect_code(1);
+    assert!(refused.stderr.contains("a recording of pixels"), "{}", refused.stderr);
 }
 
 #[test]

@@ -1,11 +1,13 @@
 //! Cameras that are not at 50 Hz, through a whole run: poses, steps and pictures at their rate, a recording that
 //! verifies to the bit, and a score.
 
+use protocol::fields::PixelFormat;
 use protocol::geometry::Validity;
 use protocol::poses::BODY_NAMES;
 use protocol::time::Nanos;
 use recording::{Item, Recording};
 use rig::Rig;
+use rig::sensor::Scan;
 use vitreo_tests::verified::{WITHOUT_FRAME, verify};
 use vitreo_tests::{instance_name, json, repository, vitreo};
 
@@ -74,6 +76,31 @@ fn a_rig_of_200_hz_runs_with_poses_steps_and_pictures_and_its_recording_verifies
     println!("verified: {:?}, {:?}", verified.poses(), verified.states());
     let scored = vitreo(&["score", record.to_str().expect("UTF-8"), "--json"]);
     assert!(scored.stdout.contains("tremor"), "{scored:?}");
+}
+
+/// The largest sensors, with a mosaic of colours: what has no time to scan all fields scans what it can.
+#[test]
+fn the_largest_cameras_with_a_mosaic_give_blobs_also_where_the_machine_is_too_slow() {
+    let folder = tempfile::tempdir().expect("folder");
+    let mut rig = Rig::load_or_shipped(None).expect("the shipped rig");
+    (rig.scan, rig.field_rule, rig.frame, rig.line_ns) = (Scan::Progressive, None, None, 8_000);
+    rig.pixel_format = PixelFormat::BayerRg8;
+    for camera in &mut rig.cameras {
+        let scale = [1920.0 / f64::from(camera.width), 1200.0 / f64::from(camera.height)];
+        (camera.width, camera.height) = (1920, 1200);
+        (camera.fx, camera.cx) = (scale[0] * camera.fx, scale[0] * camera.cx);
+        (camera.fy, camera.cy) = (scale[1] * camera.fy, scale[1] * camera.cy);
+    }
+    let [file, report] = ["rig.json", "r.json"].map(|name| folder.path().join(name));
+    std::fs::write(&file, rig.to_json()).expect("a rig");
+    let [rig, report_path] = [&file, &report].map(|p| p.to_str().expect("UTF-8"));
+    let name = instance_name();
+    let run = ["run", "--no-picture", "--duration", "5", "--instance", &name];
+    let finished = vitreo(&[&run[..], &["--rig", rig, "--report", report_path]].concat());
+    assert!(matches!(finished.code, Some(0 | 3)), "{finished:?}");
+    let report = json(&report);
+    assert!(report["restarts"].get("fpga-model").is_none_or(|n| *n == 0), "{}", report["restarts"]);
+    assert!(finished.stdout.contains("inst0 measured"), "{}", finished.stdout);
 }
 
 /// Cameras of 50, 100 and 200 Hz: frames at 200, each with the fields that were exposed in its period.

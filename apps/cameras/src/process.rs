@@ -65,10 +65,9 @@ pub fn run(config: &Config) -> Result<()> {
 }
 
 /// Longest time from mid-exposure until the blobs are out, ns.
-fn camera_budget_ns() -> u64 {
-    let budgets = Budgets::default().budget;
-    let limit_ms = budgets.iter().find(|b| b.stage == Stage::Camera).map_or(0.0, |b| b.limit_ms);
-    (limit_ms * 1e6) as u64
+fn camera_budget_ns(rig: &Rig) -> u64 {
+    let budgets = Budgets::of_rig(rig.field_period_ns(), rig.read_out_ns());
+    (budgets.of(Stage::Camera).limit_ms * 1e6) as u64
 }
 
 /// Channels and cameras.
@@ -109,7 +108,6 @@ impl LiveCameras {
         let sensors = rig.sensors();
         let bytes = |s: &Sensor| FieldPicture::bytes(s.size_px[0] as usize, s.lines() as usize);
         let bytes = sensors.iter().map(bytes).max().unwrap_or(0);
-        let slowest_ns = sensors.iter().map(Sensor::read_out_ns).max().unwrap_or(0);
         Ok(LiveCameras {
             shell,
             fields: instance.block_sender(bytes)?,
@@ -120,7 +118,7 @@ impl LiveCameras {
                 start_ns: begun.unwrap_or(0),
                 period_ns,
                 lines_ns: sensors.iter().map(Sensor::lines_ns).max().unwrap_or(0),
-                patience_ns: patience_ns(period_ns, slowest_ns, camera_budget_ns()),
+                patience_ns: patience_ns(period_ns, rig.read_out_ns(), camera_budget_ns(rig)),
             },
             has_begun: begun.is_some(),
             duration_ns: None,
@@ -133,14 +131,14 @@ impl LiveCameras {
     }
 
     /// Begins where every source has brought its first picture.
-    fn begin(&mut self) -> Result<()> {
+    fn begin(&mut self, now: Nanos) -> Result<()> {
         if let Some((feed, why)) = self.feeds.iter().find_map(|f| Some((f, f.defect()?))) {
             bail!("{} {why}", feed.source);
         }
         if let Some(feed) = self.feeds.iter().find(|f| f.is_over()) {
             bail!("{} has no picture", feed.source);
         }
-        let arrived: Option<Vec<Nanos>> = self.feeds.iter().map(Feed::first_arrived).collect();
+        let arrived: Option<Vec<Nanos>> = self.feeds.iter().map(|f| f.first_ready(now)).collect();
         if let Some(start_ns) = arrived.and_then(|all| all.into_iter().max()) {
             (self.timing.start_ns, self.has_begun) = (start_ns, true);
         }
@@ -262,7 +260,7 @@ impl Work<anyhow::Error> for LiveCameras {
         self.feeds.iter_mut().for_each(|feed| feed.listen(at));
         if !self.has_begun {
             self.feeds.iter_mut().for_each(|feed| feed.renew(at));
-            self.begin()?;
+            self.begin(at)?;
         }
         if self.has_begun && self.over_ns.is_none() {
             self.publish(at)?;

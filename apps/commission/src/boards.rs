@@ -68,7 +68,7 @@ pub fn look(rig: &Rig, args: &PicturesArgs, board: &Target) -> Result<Boards> {
             });
         }
     }
-    args.each(&feeds, &mut |camera, view, file, picture| {
+    args.each(rig, &feeds, &mut |camera, view, file, picture| {
         let Some(seen) = cameras.iter_mut().find(|c| c.id == camera) else { return Ok(()) };
         of_size(file, camera, seen.size_px, [picture.width, picture.height])?;
         seen.pictures += 1;

@@ -81,13 +81,16 @@ fn load(rig: &Rig, args: &PicturesArgs) -> Result<Vec<Shown>> {
     // A few pictures of each camera say all that there is to say.
     let args = PicturesArgs { most: args.most.min(8), ..args.clone() };
     let mut shown = Vec::new();
-    args.each(&args.feeds(&ids)?, &mut |camera, _, file, picture| {
+    args.each(rig, &args.feeds(&ids)?, &mut |camera, _, file, picture| {
         if let Some(own) = rig.cameras.iter().find(|c| c.id == camera) {
             of_size(file, camera, [own.width, own.height], [picture.width, picture.height])?;
             shown.push(Shown { camera, file: file.into(), picture: picture.clone() });
         }
         Ok(())
     })?;
+    refuse(Vec::from_iter(shown.is_empty().then(|| {
+        format!("there is no whole picture in {}: record longer, or use --every 1", args.names().join(", "))
+    })))?;
     Ok(shown)
 }
 

@@ -1,15 +1,21 @@
 //! Pictures of several cameras: from files and folders by their names, from clips, and from live cameras.
 //!
+//! A camera that is interlaced may bring its fields one by one: two of them make a picture.
+//!
 //! The name says of which camera a picture is: `cam0/007.png`, `cam0-007.png`, `camera-0.png`. What is left of the name
 //! is the view: pictures of one view were taken at one time. A clip (`cam0.y4m`) or a pipe is one camera, and its k-th
-//! picture that is looked at is view k. A recording of fields (`.mcap`) has all its cameras. Interlaced pictures are taken whole: what they show must be held still.
+//! picture that is looked at is view k. A recording of fields (`.mcap`) has all its cameras. Interlaced pictures are taken
+//! whole: what they show must be held still.
 
 use crate::Refused;
 use anyhow::{Context, Result, bail, ensure};
 use fpga_model::input::recorded::Recorded;
 use fpga_model::input::source::{Reading, Source};
-use fpga_model::input::whole::{WholePictures, is_recording};
+use fpga_model::input::whole::{WholePictures, is_recording, woven};
 use fpga_model::input::{Interlace, Picture};
+use rig::Rig;
+use rig::sensor::Scan;
+use settings::commands::cameras::{Stream, StreamKind, Wanted};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -28,9 +34,10 @@ pub struct PicturesArgs {
     /// .jsonl) of waved instruments.
     #[arg(long, value_name = "PATH", num_args = 1.., required_unless_present = "cameras", help_heading = "Pictures")]
     pub from: Vec<PathBuf>,
-    /// Live cameras in the order of the rig: y4m:PIPE or v4l2:/dev/videoN.
+    /// Live cameras in the order of the rig: v4l2:/dev/videoN or y4m:PIPE, of whole pictures or of fields (?parity=1 if
+    /// the first field has the odd lines).
     #[arg(long, value_name = "SPEC,...", value_delimiter = ',', value_parser = live, conflicts_with = "from", help_heading = "Pictures")]
-    pub cameras: Vec<PathBuf>,
+    pub cameras: Vec<Stream>,
     /// Use every Nth picture of clips and live cameras.
     #[arg(
         long, value_name = "N", default_value_t = 25, value_parser = clap::value_parser!(u64).range(1..=100_000),
@@ -47,10 +54,19 @@ fn most(text: &str) -> Result<usize, String> {
     number.ok_or_else(|| format!("expected 1 to {MOST}"))
 }
 
-/// The file or device of a live camera.
-fn live(text: &str) -> Result<PathBuf, String> {
-    let path = text.strip_prefix("y4m:").or_else(|| text.strip_prefix("v4l2:")).filter(|p| !p.is_empty());
-    path.map(PathBuf::from).ok_or_else(|| "expected y4m:PIPE or v4l2:/dev/videoN".into())
+/// A live camera whose pictures can be read here.
+fn live(text: &str) -> Result<Stream, String> {
+    let stream = text.parse::<Stream>();
+    let fits = |s: &Stream| match s.kind {
+        StreamKind::Y4m => true,
+        StreamKind::V4l2 => s.parity.is_none() && s.wanted == Wanted::default(),
+        StreamKind::Mcap | StreamKind::Genicam => false,
+    };
+    stream.ok().filter(fits).ok_or_else(|| {
+        "expected y4m:PIPE[?parity=1] or v4l2:/dev/videoN; record other cameras, or cameras with settings, by vitreo \
+         cameras SPEC,... --record-fields FILE.mcap, and give --from FILE.mcap"
+            .into()
+    })
 }
 
 /// What looks at a picture: its camera, its view, the name of its file, and itself.
@@ -133,7 +149,8 @@ impl PicturesArgs {
                 found == expected,
                 "--cameras: expected one for each of {expected} cameras, found {found}"
             );
-            let feed = |(path, &camera): (&PathBuf, &u32)| Feed { camera, kind: Kind::Clip(path.clone()) };
+            let feed =
+                |(live, &camera): (&Stream, &u32)| Feed { camera, kind: Kind::Clip(live.path.clone()) };
             return Ok(self.cameras.iter().zip(ids).map(feed).collect());
         }
         if let [path] = &self.from[..]
@@ -171,7 +188,8 @@ impl PicturesArgs {
 
     /// As they are named in a record.
     pub fn names(&self) -> Vec<String> {
-        self.from.iter().chain(&self.cameras).map(|p| p.display().to_string()).collect()
+        let files = self.from.iter().map(|p| p.display().to_string());
+        files.chain(self.cameras.iter().map(ToString::to_string)).collect()
     }
 
     /// Hands each picture to `look`: its camera, its view and the name of its file. Clips and live cameras take turns,
@@ -179,7 +197,7 @@ impl PicturesArgs {
     ///
     /// # Errors
     /// A picture that cannot be read; those of `look`.
-    pub fn each(&self, feeds: &[Feed], look: &mut Look<'_>) -> Result<()> {
+    pub fn each(&self, rig: &Rig, feeds: &[Feed], look: &mut Look<'_>) -> Result<()> {
         let reading = Reading { interlace: Some(Interlace::Progressive), ..Reading::default() };
         let mut clips: Vec<(u32, PathBuf)> = Vec::new();
         for feed in feeds {
@@ -203,7 +221,7 @@ impl PicturesArgs {
                 look(feed.camera, view, &path.display().to_string(), shot.view.picture)?;
             }
         }
-        if clips.is_empty() { Ok(()) } else { self.each_of_clips(&clips, &reading, look) }
+        if clips.is_empty() { Ok(()) } else { self.each_of_clips(rig, &clips, &reading, look) }
     }
 
     fn each_of_recording(&self, camera: u32, path: &Path, look: &mut Look<'_>) -> Result<()> {
@@ -224,21 +242,71 @@ impl PicturesArgs {
         Ok(())
     }
 
-    fn each_of_clips(&self, clips: &[(u32, PathBuf)], reading: &Reading, look: &mut Look<'_>) -> Result<()> {
+    fn each_of_clips(
+        &self,
+        rig: &Rig,
+        clips: &[(u32, PathBuf)],
+        reading: &Reading,
+        look: &mut Look<'_>,
+    ) -> Result<()> {
         let paths: Vec<PathBuf> = clips.iter().map(|c| c.1.clone()).collect();
         let mut source = Source::open(&paths, None, reading)?;
+        let mut fields: Vec<Fields> = clips.iter().map(|(id, path)| self.fields(rig, *id, path)).collect();
         let last = self.every * (self.most as u64 - 1);
         while let Some(shot) = source.take()? {
-            let (clip, number) = (shot.head.cam as usize, shot.head.seq);
-            if number.is_multiple_of(self.every) && number <= last {
-                let (view, file) = (format!("{:04}", number / self.every), shot.file);
-                look(clips[clip].0, &view, &format!("{file}, picture {number}"), shot.view.picture)?;
-            }
+            let (clip, picture) = (shot.head.cam as usize, shot.view.picture);
+            let are_fields = fields[clip].size_px == Some([picture.width, picture.height]);
+            let number = if are_fields { shot.head.seq / 2 } else { shot.head.seq };
             if number > last {
                 break;
             }
+            if !number.is_multiple_of(self.every) {
+                continue;
+            }
+            let (view, name) =
+                (format!("{:04}", number / self.every), format!("{}, picture {number}", shot.file));
+            if !are_fields {
+                look(clips[clip].0, &view, &name, picture)?;
+            } else if let Some(whole) = fields[clip].whole(picture) {
+                look(clips[clip].0, &view, &name, &whole)?;
+            }
         }
         Ok(())
+    }
+
+    /// The fields that a clip of a camera may consist of.
+    fn fields(&self, rig: &Rig, id: u32, path: &Path) -> Fields {
+        let sensor = rig.sensor(id);
+        let size_px = [sensor.size_px[0] as usize, sensor.lines() as usize];
+        let first_parity = self.cameras.iter().find(|live| live.path == path).and_then(|live| live.parity);
+        Fields {
+            size_px: (sensor.scan == Scan::Interlaced).then_some(size_px),
+            begins_even: first_parity != Some(1),
+            first: None,
+        }
+    }
+}
+
+/// Single fields of an interlaced camera, of which two make a picture.
+struct Fields {
+    /// Their width and lines; `None` of a progressive camera.
+    size_px: Option<[usize; 2]>,
+    /// The first of two has the even lines.
+    begins_even: bool,
+    /// The first of two, until the second comes.
+    first: Option<Picture>,
+}
+
+impl Fields {
+    /// Takes the next field; with every second one, the picture of both.
+    fn whole(&mut self, field: &Picture) -> Option<Picture> {
+        match self.first.take() {
+            Some(first) => Some(woven(&first, field, self.begins_even)),
+            None => {
+                self.first = Some(field.clone());
+                None
+            }
+        }
     }
 }
 
@@ -288,8 +356,12 @@ mod tests {
         for path in ["a.png", "cam.png", "scam/a.png", "cam99999999999/a.png"] {
             assert_eq!(named(Path::new(path)), None, "{path}");
         }
-        assert_eq!(live("y4m:/tmp/a").unwrap(), Path::new("/tmp/a"));
+        assert_eq!(live("y4m:/tmp/a").unwrap().path, Path::new("/tmp/a"));
+        assert_eq!(live("y4m:/tmp/a?parity=1").unwrap().parity, Some(1));
         assert!(live("y4m:").is_err() && live("/dev/video0").is_err());
+        for other in ["genicam:a", "mcap:a", "v4l2:/dev/video0?gain=3"] {
+            assert!(live(other).unwrap_err().contains("--record-fields FILE.mcap"), "{other}");
+        }
     }
 
     #[test]
@@ -336,10 +408,12 @@ mod tests {
             std::fs::write(&path, [&b"YUV4MPEG2 W16 H16 F25:1 Ip C420jpeg\n"[..], &frames].concat()).unwrap();
             path
         };
-        let cameras = vec![clip("a", 30), clip("b", 100)];
+        let cameras = [clip("a", 30), clip("b", 100)];
+        let cameras = cameras.map(|path| format!("y4m:{}", path.display()).parse().unwrap()).to_vec();
         let args = PicturesArgs { cameras, most: 3, every: 2, ..PicturesArgs::default() };
         let mut seen = Vec::new();
-        args.each(&args.feeds(&[4, 5]).unwrap(), &mut |camera, view, file, picture| {
+        let rig = Rig::load_or_shipped(None).unwrap();
+        args.each(&rig, &args.feeds(&[4, 5]).unwrap(), &mut |camera, view, file, picture| {
             assert!(file.ends_with(&format!("picture {}", 2 * view.parse::<u32>().unwrap())), "{file}");
             seen.push((camera, view.to_owned(), picture.width));
             Ok(())
@@ -351,6 +425,40 @@ mod tests {
         assert!(
             args.feeds(&[0]).unwrap_err().to_string().contains("expected one for each of 1 cameras, found 2")
         );
+    }
+
+    /// An interlaced camera that brings fields: each picture has the lines of two of them.
+    #[test]
+    fn fields_of_a_pipe_are_put_together() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut rig = Rig::load_or_shipped(None).unwrap();
+        rig.frame = None;
+        rig.cameras.iter_mut().for_each(|camera| (camera.width, camera.height) = (16, 8));
+        let frame = |k: u8| [&b"FRAME\n"[..], &[30 + k; 64], &[128; 64]].concat();
+        let clip = [&b"YUV4MPEG2 W16 H4 F50:1 Ip C422\n"[..], &(0..13).flat_map(frame).collect::<Vec<u8>>()]
+            .concat();
+        let path = folder.path().join("cam0.y4m");
+        std::fs::write(&path, clip).unwrap();
+        let lines = |args: &PicturesArgs| {
+            let mut seen = Vec::new();
+            args.each(&rig, &args.feeds(&[0]).unwrap(), &mut |_, view, _, picture| {
+                assert_eq!([picture.width, picture.height], [16, 8]);
+                seen.push((view.to_owned(), [picture.luma[0], picture.luma[16]]));
+                Ok(())
+            })
+            .unwrap();
+            seen
+        };
+        let expected = |parity: usize| {
+            let pair = |k: u8| if parity == 0 { [30 + k, 31 + k] } else { [31 + k, 30 + k] };
+            [("0000".to_owned(), pair(0)), ("0001".to_owned(), pair(4)), ("0002".to_owned(), pair(8))]
+        };
+        let args = PicturesArgs { most: 3, every: 2, ..PicturesArgs::default() };
+        assert_eq!(lines(&PicturesArgs { from: vec![path.clone()], ..args.clone() }), expected(0));
+        for parity in [0, 1] {
+            let live = format!("y4m:{}?parity={parity}", path.display()).parse().unwrap();
+            assert_eq!(lines(&PicturesArgs { cameras: vec![live], ..args.clone() }), expected(parity));
+        }
     }
 
     proptest! {

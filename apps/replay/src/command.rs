@@ -7,6 +7,7 @@ use crate::interactive;
 use crate::likely_cause::{self, OfLast};
 use crate::other_build;
 use crate::pace::{Pace, Part, Stopped};
+use crate::pixels;
 use crate::report::{Figures, Products};
 use crate::resimulate::scene_of;
 use crate::screen::Screen;
@@ -34,17 +35,31 @@ use std::time::Instant;
 /// # Errors
 /// Where the recording cannot be read or replayed, or a file cannot be written.
 pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
+    if pixels::is_recorded(&args.file) {
+        if what_if::is_wanted(&args.what_if) || args.with.is_some() {
+            bail!(
+                "{}: a recording of pixels can only be replayed, not changed or compared",
+                args.file.display()
+            );
+        }
+        return replay(args, &pixels::found(&args.file, args.colours.as_deref())?.recording);
+    }
+    pixels::check_colours(&args.file, args.colours.as_deref())?;
     if what_if::is_wanted(&args.what_if) {
         return what_if::run(args);
     }
     if let Some(program) = &args.with {
         return other_build::run(args, program);
     }
-    let recording = Recording::open(&args.file)?;
+    replay(args, &Recording::open(&args.file)?)
+}
+
+/// Replays a recording, or the blobs of one of pixels.
+fn replay(args: &ReplayArgs, recording: &Recording) -> anyhow::Result<ExitCode> {
     let desk = recording.provenance().config.contains_key(recording::DESK);
-    check(args, &recording, desk)?;
+    check(args, recording, desk)?;
     if args.is_watched() {
-        return interactive::run(args, &recording, &StopSignal::install().context("signals")?);
+        return interactive::run(args, recording, &StopSignal::install().context("signals")?);
     }
     let rig = Rig::parse(&recording.provenance().rig_json, "of the recording")?;
     tracker::rig_check::check(&rig).context("the recording's rig is not usable")?;
@@ -53,7 +68,7 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let verdict = args.verify.then(|| Verdict::new(recording.provenance(), desk));
     let stop = StopSignal::install().context("signals")?;
     let pace = Pace::new(args, &stop);
-    let mut replay = Replay { args, recording: &recording, rig, pace, products, verdict, screen: None };
+    let mut replay = Replay { args, recording, rig, pace, products, verdict, screen: None };
     let played = replay.play();
     let pictures = replay.screen.take().map(Screen::finish).transpose()?;
     let stopped = match played {
@@ -66,7 +81,7 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
         Err(error) if error.is::<Stopped>() => true,
         Err(error) => return Err(error),
     };
-    let judged = if stopped { None } else { likely_cause::at_end(&recording, || stop.is_raised()) };
+    let judged = if stopped { None } else { likely_cause::at_end(recording, || stop.is_raised()) };
     let Replay { mut products, verdict, .. } = replay;
     products.judged(judged.as_ref().and_then(OfLast::warning));
     products.figures.unclosed = !recording.is_finished();

@@ -32,7 +32,10 @@ pub fn run(args: &ImportArgs) -> anyhow::Result<ExitCode> {
     let scene = args.scene.as_deref().unwrap_or(DEFAULT_SCENE);
     let mut outputs = Outputs::new(args.force.force).reading_all([&args.rig, &args.blobs]).reading(scene);
     claim(&args.output, &args.writing, &mut outputs)?;
-    let provenance = provenance(&args.rig, &args.blobs, scene)?;
+    Rig::load(&args.rig).context("--rig")?;
+    let rig_json =
+        read_text(&args.rig, MAX_SETTINGS_BYTES).with_context(|| args.rig.display().to_string())?;
+    let provenance = provenance(rig_json, &args.blobs, scene)?;
     let stream = BlobReader::open(&args.blobs)?;
     let output = NewRecording::begin(&args.output, &args.writing, &mut outputs)?;
     let imported = copy(stream, &output, &provenance)?;
@@ -46,10 +49,8 @@ pub fn run(args: &ImportArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The rig is checked and then kept as the file has it.
-fn provenance(rig: &Path, blobs: &Path, scene: &str) -> anyhow::Result<Provenance> {
-    Rig::load(rig).context("--rig")?;
-    let rig_json = read_text(rig, MAX_SETTINGS_BYTES).with_context(|| rig.display().to_string())?;
+/// What a recording of foreign blobs says of itself; the rig is kept as its file has it.
+pub(crate) fn provenance(rig_json: String, blobs: &Path, scene: &str) -> anyhow::Result<Provenance> {
     let file = SceneFile::load(scene)?;
     let key = |key: &str, value: String| BTreeMap::from([(key.to_string(), value)]);
     Ok(Provenance {

@@ -29,6 +29,7 @@ pub mod new_recording;
 pub mod other_build;
 pub mod pace;
 pub mod perception;
+pub mod pixels;
 pub mod recover;
 pub mod report;
 pub mod residuals;

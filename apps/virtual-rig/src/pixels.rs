@@ -34,11 +34,18 @@ pub fn encode<B: Deref<Target = [u8]>>(format: PixelFormat, picture: &FieldPictu
                 for (x, to) in row.iter_mut().enumerate() {
                     // Red and blue lie on one diagonal of each two by two pixels, green on the other.
                     let filter = (x + right) % 2 + (y + down) % 2;
-                    *to = rgb(x)[filter];
+                    *to = rgb_of([luma[x], chroma_at(blue, x), chroma_at(red, x)])[filter];
                 }
             }
         }
     }
+}
+
+/// Chroma at a pixel: samples lie on every second one. A filter of the mosaic has a column of its own, and its colour
+/// would be beside its place with the sample of the pair.
+fn chroma_at(samples: &[u8], x: usize) -> u8 {
+    let next = samples[(x / 2 + x % 2).min(samples.len() - 1)];
+    samples[x / 2].midpoint(next)
 }
 
 /// Red, green, blue (0 to 255) of a studio-range sample of ITU-R BT.601; colours out of range are clamped.
@@ -55,27 +62,46 @@ fn rgb_of([y, cb, cr]: [u8; 3]) -> [u8; 3] {
 mod tests {
     use super::*;
 
-    /// Four by two pixels: a red pair and a grey pair.
+    /// Six by two pixels: two red pairs and a grey pair.
     fn picture() -> FieldPicture {
-        let mut picture = FieldPicture::of_size([4, 2]);
-        picture.luma = vec![81, 81, 126, 126, 81, 81, 126, 126];
-        (picture.blue, picture.red) = (vec![90, 128, 90, 128], vec![240, 128, 240, 128]);
+        let mut picture = FieldPicture::of_size([6, 2]);
+        picture.luma = [81, 81, 81, 81, 126, 126].repeat(2);
+        (picture.blue, picture.red) = ([90, 90, 128].repeat(2), [240, 240, 128].repeat(2));
         picture
     }
 
     fn encoded(format: PixelFormat) -> Vec<u8> {
-        let mut payload = vec![0; format.bytes(4, 2)];
+        let mut payload = vec![0; format.bytes(6, 2)];
         encode(format, &picture(), &mut payload);
         payload
+    }
+
+    /// Colour that rises along a line rises as evenly behind filters of odd columns as behind those of even ones.
+    #[test]
+    fn the_colours_of_a_mosaic_are_those_of_its_own_pixels() {
+        let mut picture = FieldPicture::of_size([16, 2]);
+        picture.luma.fill(126);
+        picture.blue = (0..16).map(|i| 100 + 8 * (i as u8 % 8)).collect();
+        picture.red.fill(128);
+        let blues = |format: PixelFormat, line: usize, first: usize| -> Vec<u8> {
+            let mut payload = vec![0; format.bytes(16, 2)];
+            encode(format, &picture, &mut payload);
+            payload[16 * line..][first..16].iter().step_by(2).copied().collect()
+        };
+        let (even, odd) = (blues(PixelFormat::BayerBg8, 0, 0), blues(PixelFormat::BayerRg8, 1, 1));
+        for (pair, between) in even.windows(2).zip(&odd) {
+            assert!(between.abs_diff(pair[0].midpoint(pair[1])) <= 1, "{even:?} {odd:?}");
+            assert!(pair[0] < *between && *between < pair[1], "{even:?} {odd:?}");
+        }
     }
 
     #[test]
     fn red_and_grey_come_out_in_every_format() {
         let [red, grey] = [[254, 0, 0], [128, 128, 128]];
-        let rgb: Vec<u8> = [red, red, grey, grey, red, red, grey, grey].concat();
+        let rgb: Vec<u8> = [red, red, red, red, grey, grey].repeat(2).concat();
         let found = encoded(PixelFormat::Rgb8);
         assert!(found.iter().zip(&rgb).all(|(a, b)| a.abs_diff(*b) <= 1), "{found:?}");
-        assert_eq!(encoded(PixelFormat::Y8), [76, 76, 128, 128, 76, 76, 128, 128]);
+        assert_eq!(encoded(PixelFormat::Y8), [76, 76, 76, 76, 128, 128].repeat(2));
         let mosaics = [
             (PixelFormat::BayerRg8, [1, 0, 9, 9, 0, 0, 9, 9]),
             (PixelFormat::BayerGr8, [0, 1, 9, 9, 0, 0, 9, 9]),
@@ -83,7 +109,9 @@ mod tests {
             (PixelFormat::BayerBg8, [0, 0, 9, 9, 0, 1, 9, 9]),
         ];
         for (format, bright) in mosaics {
-            let found = encoded(format).into_iter().map(|v| match v {
+            // Between red and grey, the fourth pixel has a colour of both.
+            let pixels = encoded(format).into_iter().enumerate().filter(|(i, _)| ![2, 3].contains(&(i % 6)));
+            let found = pixels.map(|(_, v)| match v {
                 250.. => 1,
                 0 => 0,
                 _ => 9,
@@ -91,6 +119,6 @@ mod tests {
             assert!(found.eq(bright), "{format:?}: {:?}", encoded(format));
         }
         let planes = encoded(PixelFormat::Yuyv);
-        assert_eq!((&planes[..8], &planes[8..12]), (&picture().luma[..], &picture().blue[..]));
+        assert_eq!((&planes[..12], &planes[12..18]), (&picture().luma[..], &picture().blue[..]));
     }
 }

@@ -67,7 +67,7 @@ impl WholePictures {
 }
 
 /// Lines of two fields in turn, as many of each as both have.
-fn woven(a: &Picture, b: &Picture, a_is_even: bool) -> Picture {
+pub fn woven(a: &Picture, b: &Picture, a_is_even: bool) -> Picture {
     let (even, odd) = if a_is_even { (a, b) } else { (b, a) };
     let (width, lines) = (even.width, even.height.min(odd.height));
     let mut whole = Picture { width, height: 2 * lines, ..Picture::default() };

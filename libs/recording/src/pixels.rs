@@ -188,6 +188,8 @@ pub struct PixelsReader {
     /// The one camera that is read; `None` for all.
     camera: Option<u32>,
     waiting: VecDeque<Vec<u8>>,
+    /// The end of the data was reached; what follows is no field.
+    is_over: bool,
     /// The file is not whole: its writer was killed, or is still writing.
     pub is_cut: bool,
 }
@@ -225,6 +227,7 @@ impl PixelsReader {
                         head,
                         camera,
                         waiting: VecDeque::new(),
+                        is_over: false,
                         is_cut: false,
                     });
                 }
@@ -233,12 +236,13 @@ impl PixelsReader {
         }
     }
 
-    /// The next field; its samples are put into `samples`. `None` at the end, or where the file was cut.
+    /// The next field; its samples are put into `samples`. `None` at the end, also when asked again, or where the file
+    /// was cut.
     ///
     /// # Errors
     /// A damaged file.
     pub fn next(&mut self, samples: &mut Vec<u8>) -> Result<Option<FieldHeader>, RecordingError> {
-        loop {
+        while !self.is_over {
             let offset = self.records.offset;
             if let Some(message) = self.waiting.pop_front() {
                 let damaged = |e: MessageError| self.records.damaged(offset, format!("a field: {e}"));
@@ -250,14 +254,14 @@ impl PixelsReader {
             }
             let record = match self.records.next_record() {
                 Err(RecordingError::Truncated { .. }) | Ok(None) => {
-                    self.is_cut = true;
-                    return Ok(None);
+                    (self.is_cut, self.is_over) = (true, true);
+                    break;
                 }
                 record => record?,
             };
-            let Some(record) = record else { return Ok(None) };
+            let Some(record) = record else { break };
             match record.opcode {
-                op::DATA_END => return Ok(None),
+                op::DATA_END => self.is_over = true,
                 op::CHUNK => {
                     let records =
                         chunk_records(&record.body).map_err(|e| self.records.damaged(record.offset, e))?;
@@ -269,6 +273,7 @@ impl PixelsReader {
                 _ => {}
             }
         }
+        Ok(None)
     }
 }
 

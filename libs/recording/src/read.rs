@@ -8,7 +8,7 @@ use super::items::Items;
 use super::parts::{PartOf, RecordedFile, assemble, parts_of};
 use super::records::{Outer, Records};
 use super::write::METADATA;
-use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, Source, checksum};
+use super::{FORMAT, Item, PIXELS_PROFILE, PROFILE, Provenance, RecordingError, Source, checksum};
 use mcap::parse_record;
 use mcap::records::{Record, op};
 use protocol::file::STDIN;
@@ -195,6 +195,12 @@ fn metadata_of(records: &mut Records) -> Result<(u64, BTreeMap<String, String>),
             _ => return Err(foreign("its provenance is not at the start".into())),
         }
         match parse_record(opcode, &body).map_err(|e| records.damaged(offset, e))? {
+            Record::Header(header) if header.profile == PIXELS_PROFILE => {
+                return Err(foreign(
+                    "a recording of pixels, without poses; vitreo replay, blobs, calibrate and --cameras mcap: read it"
+                        .into(),
+                ));
+            }
             Record::Header(header) if header.profile != PROFILE => {
                 return Err(foreign(format!("an MCAP file of profile '{}'", header.profile)));
             }

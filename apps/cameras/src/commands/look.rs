@@ -130,8 +130,7 @@ pub fn run(args: &CamerasArgs, cameras: &Cameras) -> Result<()> {
     let mut outputs = Outputs::new(args.force.force).reading_all(read);
     let bell = Bell::new()?;
     let stop = Arc::<AtomicBool>::default();
-    let mut source = Source::open(&rig, cameras, &bell, &stop)?;
-    let mut looks = source.looks(&rig, cameras, &colours)?;
+    let mut looks = looks(&rig, cameras, &colours)?;
     if let Some(folder) = &args.snapshot {
         outputs.claim_folder(folder, PICTURES)?;
     }
@@ -142,6 +141,8 @@ pub fn run(args: &CamerasArgs, cameras: &Cameras) -> Result<()> {
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
+    // Last: what comes from now on is read at once.
+    let mut source = Source::open(&rig, cameras, &bell, &stop)?;
     let (begun, mut lined) = (now(), now());
     let ends = args.duration.map(|s| begun + (s * 1e9) as u64);
     let wants = kept.snapshot;
@@ -195,28 +196,6 @@ impl Source {
                 Ok(Source::Feeds(cameras.iter().zip(&streams).map(feed).collect::<Result<_>>()?))
             }
         }
-    }
-
-    fn looks(&self, rig: &Rig, cameras: &Cameras, colours: &ColourFile) -> Result<Vec<Look>> {
-        let count = if let Source::Feeds(feeds) = self { feeds.len() } else { rig.cameras().len() };
-        let look = |(i, camera): (usize, &rig::camera::Camera)| {
-            let sensor = rig.sensor(camera.id);
-            let source = match self {
-                Source::Feeds(feeds) => feeds[i].0.source.clone(),
-                Source::Virtual { .. } => cameras.to_string(),
-            };
-            Ok(Look {
-                name: format!("camera {} ({source})", camera.id),
-                extractor: CameraExtractor::finding(rig, camera, colours)?,
-                planes: FieldPicture::of_size(sensor.field_size()?),
-                period_ns: sensor.period_ns,
-                blobs: Box::new(BlobField::zeroed()),
-                watch: Watch::default(),
-                lines: if sensor.scan == Scan::Interlaced { 2 } else { 1 },
-                snapshot: None,
-            })
-        };
-        rig.cameras().iter().enumerate().take(count).map(look).collect()
     }
 
     /// Takes what has come.
@@ -278,6 +257,29 @@ impl Source {
     }
 }
 
+/// What the cameras that were named will show.
+fn looks(rig: &Rig, cameras: &Cameras, colours: &ColourFile) -> Result<Vec<Look>> {
+    let all = rig.cameras();
+    let names: Vec<String> = match cameras {
+        Cameras::Streams(streams) => streams.spread(all.len()).iter().map(ToString::to_string).collect(),
+        other => vec![other.to_string(); all.len()],
+    };
+    let look = |(camera, source): (&rig::camera::Camera, String)| {
+        let sensor = rig.sensor(camera.id);
+        Ok(Look {
+            name: format!("camera {} ({source})", camera.id),
+            extractor: CameraExtractor::finding(rig, camera, colours)?,
+            planes: FieldPicture::of_size(sensor.field_size()?),
+            period_ns: sensor.period_ns,
+            blobs: Box::new(BlobField::zeroed()),
+            watch: Watch::default(),
+            lines: if sensor.scan == Scan::Interlaced { 2 } else { 1 },
+            snapshot: None,
+        })
+    };
+    all.iter().zip(names).map(look).collect()
+}
+
 /// Hears of the sources, and begins those that have brought their first picture: each by itself, or all
 /// `together`, so that fields of one number are of one instant.
 fn listen(feeds: &mut [(Feed, Option<Clock>)], at: Nanos, together: bool) -> Result<()> {
@@ -290,10 +292,10 @@ fn listen(feeds: &mut [(Feed, Option<Clock>)], at: Nanos, together: bool) -> Res
             bail!("{} {why}", feed.source);
         }
     }
-    let all: Option<Vec<Nanos>> = feeds.iter().map(|(feed, _)| feed.first_arrived()).collect();
+    let all: Option<Vec<Nanos>> = feeds.iter().map(|(feed, _)| feed.first_ready(at)).collect();
     let common = all.and_then(|all| all.into_iter().max());
     for (feed, clock) in feeds.iter_mut().filter(|(_, clock)| clock.is_none()) {
-        let start_ns = if together { common } else { feed.first_arrived() };
+        let start_ns = if together { common } else { feed.first_ready(at) };
         *clock = start_ns.map(|start_ns| feed.own_clock(start_ns));
     }
     Ok(())

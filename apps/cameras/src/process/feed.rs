@@ -266,9 +266,10 @@ impl Feed {
         self.held = Some(Held { pictured, taken: 0 });
     }
 
-    /// When the first picture had come, while it waits for those of the others.
-    pub(crate) fn first_arrived(&self) -> Option<Nanos> {
-        self.held.as_ref().map(|held| held.pictured.taken.map_or(held.pictured.arrived_ns, |t| t.read_out_ns))
+    /// Instant of the first picture, while it waits for those of the others: as its camera has stamped it, else `now`.
+    /// A picture of a pipe that came while the process was busy is not late.
+    pub(crate) fn first_ready(&self, now: Nanos) -> Option<Nanos> {
+        self.held.as_ref().map(|held| held.pictured.taken.map_or(now, |t| t.read_out_ns))
     }
 
     /// Before the start, a camera shows its newest picture: those before it are of no use.
@@ -396,6 +397,7 @@ impl Feed {
         }
         if never {
             let what = match self.is_device {
+                true if self.is_closed => "is not ready: there is no such device; waiting for it",
                 true => "is not ready: its device has delivered no picture yet",
                 false => "is not ready: no program has written a picture into its pipe yet",
             };

@@ -389,7 +389,7 @@ impl RunArgs {
     /// Where the rig or the file of budgets is refused.
     pub fn budget_table(&self) -> anyhow::Result<Budgets> {
         let rig = Rig::load_or_shipped(self.rig.rig.as_deref()).context("--rig")?;
-        let own = Budgets::at_period(rig.field_period_ns());
+        let own = Budgets::of_rig(rig.field_period_ns(), rig.read_out_ns());
         let mut budgets = match &self.judge.budgets {
             None => own,
             Some(file) => {

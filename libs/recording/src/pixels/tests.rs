@@ -93,6 +93,18 @@ fn fields_of_all_cameras_or_of_one_come_back() {
 }
 
 #[test]
+fn a_whole_file_is_whole_also_when_it_is_asked_beyond_its_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    some(&path);
+    let (mut reader, mut samples) = (PixelsReader::open(&path, Some(0)).unwrap(), Vec::new());
+    while reader.next(&mut samples).unwrap().is_some() {}
+    for _ in 0..20 {
+        assert!(reader.next(&mut samples).unwrap().is_none() && !reader.is_cut);
+    }
+}
+
+#[test]
 fn a_cut_file_is_a_readable_beginning() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");

@@ -13,9 +13,12 @@ use std::path::PathBuf;
 #[command(mut_arg("compress", |arg| arg.requires("output").help_heading("What if")))]
 #[command(mut_arg("split", |arg| arg.requires("output").help_heading("What if")))]
 pub struct ReplayArgs {
-    /// The recording.
+    /// The recording; or one of pixels (vitreo cameras --record-fields FILE.mcap), whose blobs are found first.
     #[arg(value_name = "FILE.mcap")]
     pub file: PathBuf,
+    /// Colour classes of the blobs in a recording of pixels [default: those of the camera hardware].
+    #[arg(long, value_name = "FILE.toml")]
+    pub colours: Option<PathBuf>,
     /// Run as fast as possible instead of at the recorded timing.
     #[arg(long)]
     pub lockstep: bool,
