@@ -91,6 +91,30 @@ fn every_program_is_installed_and_every_packed_file_exists() {
     }
 }
 
+/// What links to the library asks for its SONAME: a package with the other name alone has a link to nothing.
+#[test]
+fn the_library_is_packed_under_the_name_that_programs_ask_for() {
+    let makefile = read("Makefile");
+    let soname = makefile.lines().find_map(|line| line.strip_prefix("SONAME := ")).expect("a SONAME");
+    let launcher = manifest("apps/launcher/Cargo.toml");
+    let assets = launcher["package"]["metadata"]["deb"]["assets"].as_array().expect("assets");
+    let packed: Vec<&str> = assets.iter().map(|a| a[0].as_str().expect("a file")).collect();
+    for name in [soname, "libvitreo.so"] {
+        let path = format!("../../target/package/usr/lib/{name}");
+        assert!(packed.contains(&path.as_str()), "{name} is not packed: {packed:?}");
+    }
+}
+
+/// The test of the booted service waits for these words in the journal.
+#[test]
+fn the_test_of_the_service_waits_for_what_a_run_says() {
+    let said = "waiting to start: ";
+    assert!(read("apps/launcher/src/run/cameras.rs").contains(said));
+    for file in ["packaging/tools/test-service-inside", "docs/install.md"] {
+        assert!(read(file).contains(said), "{file}");
+    }
+}
+
 #[test]
 fn the_service_asks_for_what_its_document_says() {
     let unit = read("packaging/systemd/vitreo-rig.service");

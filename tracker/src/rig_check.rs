@@ -10,6 +10,8 @@ use rig::camera::Camera;
 /// Least angle between the views of the two cameras that are farthest apart, seen from the eye, degrees; below it
 /// depth is not observable. Rotations that are all transposed bring all cameras to one place.
 const LEAST_ANGLE_DEGREES: f64 = 10.0;
+/// Farthest that a camera stands, mm: there a marker is smaller than a pixel even with a long lens.
+const FARTHEST_CAMERA_MM: f64 = 10_000.0;
 /// A body whose markers all lie nearer to its origin is in metres, mm.
 const IN_METRES_MM: f64 = 0.5;
 /// Least lever of the roll, mm: at 0.05 px of noise and 19 px/mm the roll has a standard deviation
@@ -41,6 +43,25 @@ pub enum RigDefect {
         camera: u32,
         /// From the eye's centre.
         distance_mm: f64,
+    },
+    /// A camera is farther away than any that sees markers.
+    #[error(
+        "camera {camera} is {distance_mm:.0} mm from the eye's centre, at most {FARTHEST_CAMERA_MM} are expected: t is in \
+         mm, and leads from the world to the camera"
+    )]
+    CameraFar {
+        /// Camera id.
+        camera: u32,
+        /// From the eye's centre.
+        distance_mm: f64,
+    },
+    /// Two cameras have one pose.
+    #[error("cameras {first} and {second} have the same R and t: no two cameras stand in one place")]
+    CameraTwice {
+        /// Camera id of one.
+        first: u32,
+        /// Camera id of the other.
+        second: u32,
     },
     /// All cameras look from the same side.
     #[error(
@@ -132,6 +153,9 @@ fn check_cameras(rig: &Rig, model: &RigModel) -> Result<(), RigDefect> {
         if distance_mm <= radius_mm {
             return Err(RigDefect::CameraInside { camera: camera.id, distance_mm });
         }
+        if distance_mm > FARTHEST_CAMERA_MM {
+            return Err(RigDefect::CameraFar { camera: camera.id, distance_mm });
+        }
         if !sees_workspace(camera, radius_mm) {
             return Err(RigDefect::Blind { camera: camera.id, radius_mm });
         }
@@ -142,7 +166,20 @@ fn check_cameras(rig: &Rig, model: &RigModel) -> Result<(), RigDefect> {
         libm::acos(cosine.clamp(-1.0, 1.0)).to_degrees()
     };
     let widest = cameras().flat_map(|a| cameras().map(move |b| degrees(a, b))).fold(0.0, f64::max);
-    if widest >= LEAST_ANGLE_DEGREES { Ok(()) } else { Err(RigDefect::OneView { degrees: widest }) }
+    if widest < LEAST_ANGLE_DEGREES {
+        return Err(RigDefect::OneView { degrees: widest });
+    }
+    for (i, second) in cameras().enumerate() {
+        if let Some(first) = cameras().take(i).find(|first| is_in_place_of(first, second)) {
+            return Err(RigDefect::CameraTwice { first: first.id, second: second.id });
+        }
+    }
+    Ok(())
+}
+
+/// True of a camera that was copied: calibrated poses differ in some digit.
+fn is_in_place_of(a: &Camera, b: &Camera) -> bool {
+    a.camera_from_world == b.camera_from_world && a.translation_mm == b.translation_mm
 }
 
 /// True if any point of a grid through the workspace is in the frame.
@@ -243,6 +280,13 @@ mod tests {
         assert!(transposed.contains("from the same side"), "{transposed}");
         let in_metres = broken(|rig| rig.cameras.iter_mut().for_each(|c| c.t = c.t.map(|t| t / 1000.0)));
         assert!(in_metres.contains("camera 0 is 0.08 mm from"), "{in_metres}");
+        let in_um = broken(|rig| rig.cameras[2].t = rig.cameras[2].t.map(|t| t * 1000.0));
+        assert!(in_um.contains("camera 2 is 80000 mm from") && in_um.contains("t is in mm"), "{in_um}");
+        let copied = broken(|rig| {
+            let again = rig.cameras[1].clone();
+            rig.cameras.push(rig::RigCamera { id: 3, ..again });
+        });
+        assert!(copied.contains("cameras 1 and 3 have the same R and t"), "{copied}");
         let small =
             broken(|rig| rig.bodies[0].markers.iter_mut().for_each(|m| m.p = m.p.map(|v| v / 1000.0)));
         assert!(small.contains("all markers of inst0 are within"), "{small}");

@@ -2,6 +2,7 @@
 
 pub mod camera;
 pub mod handles;
+mod lengths;
 mod plausible;
 pub mod region;
 pub mod sensor;
@@ -12,8 +13,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 use protocol::blobs::Colour;
 use protocol::fields::PixelFormat;
 use protocol::file::{MAX_SETTINGS_BYTES, looks_like, other_format, other_format_in, read_text};
-use protocol::limits::{MAX_CAMERAS, MAX_MARKERS};
-use protocol::poses::BODY_NAMES;
+use protocol::limits::MAX_CAMERAS;
 use sensor::{Scan, Shutter};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -273,6 +273,8 @@ impl Rig {
     /// # Errors
     /// Where the text is no rig file, or a value makes no sense.
     pub fn parse(text: &str, name: &str) -> Result<Self, RigError> {
+        // Editors of some systems begin a text with a mark of its encoding.
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let rig: Rig = serde_json::from_str(text).map_err(|source| refusal(text, name, source))?;
         rig.check(name)?;
         Ok(rig)
@@ -332,38 +334,8 @@ impl Rig {
             if twice || camera.id as usize >= MAX_CAMERAS {
                 return Some((format!("cameras[{i}].id"), "0 to 7, each once", camera.id.to_string()));
             }
-            camera.defect().map(|(what, found)| (format!("cameras[{i}]"), what, found))
+            camera.defect().map(|(key, what, found)| (format!("cameras[{i}].{key}"), what, found))
         })
-    }
-
-    /// What is wrong with the bodies, their trocars, and the room that they have.
-    fn defect_of_bodies(&self) -> Option<Defect> {
-        let once = |name: &&str| self.bodies.iter().filter(|b| b.name == *name).count() == 1;
-        if let Some(name) = BODY_NAMES.iter().find(|name| !once(name)) {
-            let expected = "inst0, inst1 and eye, each once";
-            return Some(("bodies".into(), expected, format!("not so for {name}")));
-        }
-        if self.bodies.len() != BODY_NAMES.len() {
-            let found = format!("{} bodies", self.bodies.len());
-            return Some(("bodies".into(), "inst0, inst1 and eye", found));
-        }
-        for body in &self.bodies {
-            if let Some((field, what, found)) = body.defect() {
-                return Some((format!("bodies.{}.{field}", body.name), what, found));
-            }
-        }
-        for trocar in &self.trocars {
-            let ok = trocar.p_eye.iter().all(|c| c.is_finite()) && trocar.sigma > 0.0;
-            if !ok || !trocar.body.starts_with("inst") || self.body(&trocar.body).is_none() {
-                let expected = "inst0 or inst1, finite, sigma > 0";
-                return Some(("trocars".into(), expected, format!("{trocar:?}")));
-            }
-        }
-        let sizes = [self.eye_opening.radius, self.workspace.tip_radius];
-        if !sizes.iter().all(|r| r.is_finite() && *r > 0.0) || !self.eye_opening.z.is_finite() {
-            return Some(("eye_opening and workspace".into(), "radii > 0", format!("{sizes:?}")));
-        }
-        None
     }
 }
 
@@ -381,50 +353,27 @@ impl RigCamera {
         }
     }
 
-    fn defect(&self) -> Option<(&'static str, String)> {
-        let m = self.model();
-        let lens = [self.fx, self.fy, self.cx, self.cy];
-        let mut numbers = lens.iter().chain(&self.dist).chain(&self.t);
-        if !numbers.all(|v| v.is_finite()) || self.fx <= 0.0 || self.fy <= 0.0 {
-            return Some(("finite numbers and positive focal lengths", format!("{self:?}")));
+    /// The key that is wrong, what would be right, and what is there.
+    fn defect(&self) -> Option<(&'static str, &'static str, String)> {
+        let numbers = [
+            ("fx, fy", vec![self.fx, self.fy]),
+            ("cx, cy", vec![self.cx, self.cy]),
+            ("dist", self.dist.to_vec()),
+            ("t", self.t.to_vec()),
+        ];
+        if let Some((key, values)) = numbers.iter().find(|(_, of)| !of.iter().all(|v| v.is_finite())) {
+            return Some((key, "finite numbers", format!("{values:?}")));
         }
+        let m = self.model();
         let off = (m.camera_from_world * m.camera_from_world.transpose() - Matrix3::identity()).norm();
         if off.is_nan() || off > 1e-6 {
-            return Some(("R a rotation matrix", format!("R·Rᵀ off by {off:.2e}")));
+            return Some(("R", "a rotation matrix", format!("R·Rᵀ off by {off:.2e}")));
         }
         let mirrors = m.camera_from_world.determinant() < 0.0;
         mirrors.then(|| {
-            let expected = "R a rotation between right-handed frames (x right, y down, z into the picture)";
-            (expected, "a mirrored R: its determinant is -1".into())
+            let expected = "a rotation between right-handed frames (x right, y down, z into the picture)";
+            ("R", expected, "a mirrored R: its determinant is -1".into())
         })
-    }
-}
-
-impl RigBody {
-    fn defect(&self) -> Option<(&'static str, &'static str, String)> {
-        if self.markers.len() < 3 || self.markers.len() > MAX_MARKERS {
-            return Some(("markers", "3 to 16 markers", self.markers.len().to_string()));
-        }
-        for marker in &self.markers {
-            let placed = marker.p.iter().all(|c| c.is_finite() && c.abs() < 1e3);
-            let sized = marker.r > 0.0 && marker.r < 100.0;
-            if !(placed && sized) {
-                return Some(("markers", "finite positions, radius > 0", format!("{marker:?}")));
-            }
-        }
-        let is_eye = self.kind == BodyType::Eye;
-        if is_eye != (self.name == "eye") {
-            return Some(("type", "eye for the eye, instrument for the others", format!("{:?}", self.kind)));
-        }
-        let positive = |v: Option<f64>| v.is_some_and(|v| v > 0.0 && v < 1e3);
-        if is_eye && !positive(self.radius) {
-            return Some(("radius", "a positive radius", format!("{:?}", self.radius)));
-        }
-        let has_shaft = positive(self.shaft_r) && positive(self.length);
-        if !(is_eye || has_shaft) {
-            return Some(("shaft_r, length", "positive", format!("{:?} {:?}", self.shaft_r, self.length)));
-        }
-        None
     }
 }
 

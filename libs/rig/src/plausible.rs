@@ -5,6 +5,7 @@
 
 use super::sensor::{Scan, Sensor};
 use super::{Defect, Rig, RigCamera};
+use nalgebra::Vector2;
 use protocol::blobs::Colour;
 
 /// Fewest fields a second of a camera.
@@ -13,10 +14,15 @@ const SLOWEST_HZ: f64 = 25.0;
 const SHORTEST_EXPOSURE_NS: u64 = 1_000;
 /// Longest line, ns: nothing that looks at a moving eye is slower.
 const LONGEST_LINE_NS: u64 = 10_000_000;
+/// Pixels that a sensor reads out in a nanosecond, at most: ten times the fastest that look at an eye. A line in
+/// microseconds is shorter.
+const PIXELS_PER_NS: u64 = 10;
 /// Least and largest width and height of a frame, px.
 const SIZES_PX: [[u32; 2]; 2] = [[16, 1920], [16, 1200]];
 /// Focal lengths in widths of the picture: from a view of 136 degrees to one of half a degree.
 const FOCAL_WIDTHS: [f64; 2] = [0.2, 100.0];
+/// Where a lens may move a point of the picture to, in widths of the picture.
+const BENT_WIDTHS: f64 = 0.5;
 /// Height of a pixel over its width, and its inverse, at most. Lines of PAL cameras give 1.09.
 const PIXEL_RATIO: f64 = 4.0;
 
@@ -89,6 +95,10 @@ impl Rig {
         if !(1..=LONGEST_LINE_NS).contains(&line_ns) {
             return Some((key(), "1 to 10000000 ns from line to line", line_ns.to_string()));
         }
+        if line_ns < u64::from(camera.width).div_ceil(PIXELS_PER_NS) {
+            let found = format!("{line_ns} ns for a line of {} px", camera.width);
+            return Some((key(), "ns from line to line, at least 1 for 10 px of a line", found));
+        }
         if sensor.lines_ns() > period {
             let found = format!("{} lines of {line_ns} ns in a period of {period} ns", sensor.lines());
             return Some((key(), "lines that are read out within the period of a field", found));
@@ -158,7 +168,27 @@ impl RigCamera {
         let centre = [self.cx, self.cy];
         let size = [self.width, self.height].map(f64::from);
         let inside = (0..2).all(|a| (0.0..size[a]).contains(&centre[a]));
-        (!inside).then(|| ("cx, cy", "px, within the picture", format!("{centre:?}")))
+        if !inside {
+            return Some(("cx, cy", "px, within the picture", format!("{centre:?}")));
+        }
+        let bent_px = self.bent_px();
+        (bent_px > BENT_WIDTHS * width).then(|| {
+            let expected = "k1, k2, p1, p2, k3 that move no point of the picture by more than half its width";
+            ("dist", expected, format!("{:?}, which move one by {bent_px:.0} px", self.dist))
+        })
+    }
+
+    /// How far the distortion moves a corner or the middle of a side of the picture, px.
+    fn bent_px(&self) -> f64 {
+        let (camera, size) = (self.model(), [self.width, self.height].map(f64::from));
+        let places = || [0.0, 0.5, 1.0].into_iter();
+        let points = places().flat_map(|x| places().map(move |y| Vector2::new(x * size[0], y * size[1])));
+        let moved = |pixel: Vector2<f64>| {
+            let straight = (pixel - camera.centre_px).component_div(&camera.focal_px);
+            (camera.pixel_from_normalised(straight) - pixel).norm()
+        };
+        // Numbers beyond what can be added up are far away, too.
+        points.map(moved).fold(0.0, |most, px| if px.is_nan() { f64::INFINITY } else { px.max(most) })
     }
 }
 
@@ -185,6 +215,8 @@ mod tests {
         assert!(refused(|r| r.field_hz = 200.0).starts_with("line_ns: lines that are read out"));
         assert!(refused(|r| r.line_ns = 1_000_000).contains("288 lines of 1000000 ns"));
         assert!(refused(|r| r.line_ns = 0).starts_with("line_ns: 1 to"));
+        let in_us = refused(|r| r.line_ns = 64);
+        assert!(in_us.starts_with("line_ns: ns from line") && in_us.contains("720 px"), "{in_us}");
         for ns in [0, 999, 20_000_001, 1_000_000_000] {
             assert!(refused(|r| r.exposure_ns = ns).starts_with("exposure_ns"), "{ns}");
         }
@@ -273,7 +305,7 @@ mod tests {
     #[test]
     fn rotations_that_are_none_are_refused() {
         let scaled = refused(|r| r.cameras[1].rotation[0] = r.cameras[1].rotation[0].map(|v| 1.1 * v));
-        assert!(scaled.starts_with("cameras[1]: R a rotation matrix"), "{scaled}");
+        assert!(scaled.starts_with("cameras[1].R: a rotation matrix"), "{scaled}");
         let mirrored = refused(|r| r.cameras[1].rotation[2] = r.cameras[1].rotation[2].map(|v| -v));
         assert!(mirrored.contains("right-handed") && mirrored.contains("mirrored"), "{mirrored}");
     }
@@ -283,5 +315,10 @@ mod tests {
         assert!(refused(|r| r.cameras[1].fx = 8.0).starts_with("cameras[1].fx"));
         assert!(refused(|r| r.cameras[1].fy = 9e3).starts_with("cameras[1].fy"));
         assert!(refused(|r| r.cameras[0].cx = -3.0).starts_with("cameras[0].cx"));
+        assert!(refused(|r| r.cameras[2].fx = -1600.0).starts_with("cameras[2].fx"));
+        for (term, value) in [(0, 50.0), (1, -200.0), (2, 5.0), (3, -5.0), (4, 1e300)] {
+            let bent = refused(|r| r.cameras[1].dist[term] = value);
+            assert!(bent.starts_with("cameras[1].dist: k1, k2, p1, p2, k3"), "{term}: {bent}");
+        }
     }
 }

@@ -24,6 +24,7 @@ fn other_files_and_formats_are_named() {
         let error = Rig::parse(text, "r.json").unwrap_err().to_string();
         assert!(error.contains("r.json") && error.contains(named), "{error}");
     }
+    assert!(Rig::parse(&format!("\u{feff}{SHIPPED}"), "with a byte order mark").is_ok());
     let error = Rig::load(Path::new("/dev/zero")).unwrap_err().to_string();
     assert_eq!(error, "rig file /dev/zero: expected at most 1 MiB, found more");
 }

@@ -163,8 +163,36 @@ impl<'a> Viewer<'a> {
     pub fn view(&self) -> RigView {
         let tips: Vec<_> = (0..INSTRUMENTS).map(|i| self.tip(i)).collect();
         let cameras: Vec<_> = (0..self.cameras.len()).map(|i| self.camera(i, &tips)).collect();
-        let missing = missing(&cameras, &tips);
+        let mut missing = missing(&cameras, &tips);
+        if !missing.is_empty() {
+            missing.extend(self.transposed());
+        }
+        let bare = BODY_NAMES[..INSTRUMENTS].iter().filter(|name| self.rig.trocar(name).is_none());
+        missing.extend(
+            bare.map(|name| {
+                format!("{name} has no trocar: its shaft is assumed to come from straight above")
+            }),
+        );
         RigView { cameras, tips, missing }
+    }
+
+    /// Cameras of which nothing would be missing if the rows of their R were its columns.
+    fn transposed(&self) -> impl Iterator<Item = String> {
+        let turned = |i: &usize| {
+            let mut rig = self.rig.clone();
+            let rows = rig.cameras[*i].rotation;
+            rig.cameras[*i].rotation = std::array::from_fn(|r| std::array::from_fn(|c| rows[c][r]));
+            let viewer = Viewer::new(&rig);
+            let tips: Vec<_> = (0..INSTRUMENTS).map(|i| viewer.tip(i)).collect();
+            let cameras: Vec<_> = (0..rig.cameras.len()).map(|i| viewer.camera(i, &tips)).collect();
+            tracker::rig_check::check(&rig).is_ok() && missing(&cameras, &tips).is_empty()
+        };
+        (0..self.cameras.len()).filter(turned).map(|i| {
+            let id = self.cameras[i].id;
+            format!(
+                "nothing of this would be missing if R of camera {id} were transposed: are its rows columns?"
+            )
+        })
     }
 
     fn tip(&self, instrument: usize) -> TipAccuracy {
@@ -277,6 +305,19 @@ mod tests {
         let view = Viewer::new(&rig).view();
         assert!(view.cameras[2].sees < 0.7 && view.cameras[0].sees > 0.85, "{:?}", view.cameras);
         assert!(view.missing[0].starts_with("camera 2 sees"), "{:?}", view.missing);
+    }
+
+    #[test]
+    fn a_transposed_rotation_and_a_missing_trocar_are_named() {
+        let mut rig = shipped();
+        let rows = rig.cameras[1].rotation;
+        rig.cameras[1].rotation = std::array::from_fn(|r| std::array::from_fn(|c| rows[c][r]));
+        let missing = Viewer::new(&rig).view().missing;
+        assert!(missing.last().unwrap().contains("if R of camera 1 were transposed"), "{missing:?}");
+        let mut rig = shipped();
+        rig.trocars.retain(|trocar| trocar.body == "inst0");
+        let missing = Viewer::new(&rig).view().missing;
+        assert!(missing.last().unwrap().starts_with("inst1 has no trocar"), "{missing:?}");
     }
 
     /// With one camera fewer there is less information at every place, and with none the pose is free.

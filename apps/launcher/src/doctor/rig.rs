@@ -21,7 +21,7 @@ const WHERE: &str = "set it in [run] of /etc/vitreo/vitreo.toml (docs/install.md
 /// Environment of a rig's service, as `packaging/systemd/vitreo-rig.service` starts it.
 pub(super) fn checks() -> Vec<Check> {
     match run_of_settings(&Files::of_this_machine()) {
-        Ok(run) => checks_of(&run, has_display()),
+        Ok(run) => checks_of(&run, has_display(), &Screen::of_this_machine()),
         Err(problem) => {
             vec![Check::fail("settings", problem, "vitreo config shows all settings and their sources")]
         }
@@ -41,13 +41,40 @@ fn run_of_settings(files: &Files) -> Result<RunArgs, String> {
     }
 }
 
-fn checks_of(run: &RunArgs, display: bool) -> Vec<Check> {
+/// What the service with a picture shows it on, and by.
+#[derive(Debug, Default)]
+struct Screen {
+    /// A connector of this machine to which a display is connected.
+    connected: Option<String>,
+    /// Whether cage is installed.
+    has_cage: bool,
+}
+
+impl Screen {
+    fn of_this_machine() -> Self {
+        Screen {
+            connected: connected(Path::new("/sys/class/drm")),
+            has_cage: Path::new("/usr/bin/cage").exists(),
+        }
+    }
+}
+
+/// The first connector with a display, by name, below a folder of the kernel's.
+fn connected(connectors: &Path) -> Option<String> {
+    let entries = std::fs::read_dir(connectors).ok()?.flatten();
+    let has_display = |folder: &std::fs::DirEntry| {
+        std::fs::read_to_string(folder.path().join("status")).is_ok_and(|status| status.trim() == "connected")
+    };
+    entries.filter(has_display).map(|folder| folder.file_name().to_string_lossy().into_owned()).min()
+}
+
+fn checks_of(run: &RunArgs, display: bool, screen: &Screen) -> Vec<Check> {
     let (rig, loaded) = rig_file(run);
     let mut checks = vec![rig];
     checks.extend(cameras(run, loaded.as_ref()));
     checks.push(pedal(run));
     checks.push(handles(run, loaded.as_ref()));
-    checks.push(picture(run, display));
+    checks.push(picture(run, display, screen));
     checks
 }
 
@@ -126,7 +153,7 @@ fn handles(run: &RunArgs, rig: Option<&Rig>) -> Check {
     usable(NAME, &handles.path, Access::READ_OK)
 }
 
-fn picture(run: &RunArgs, display: bool) -> Check {
+fn picture(run: &RunArgs, display: bool, screen: &Screen) -> Check {
     const NAME: &str = "picture of the rig";
     let view = &run.view;
     if view.no_picture || view.headless {
@@ -135,8 +162,22 @@ fn picture(run: &RunArgs, display: bool) -> Check {
     match (display, view.window || view.picture.full_screen) {
         (true, _) => Check::ok(NAME, "in a window of this user's display"),
         (false, true) => Check::fail(NAME, "a window is configured, but this user has no display", DISPLAY),
-        (false, false) => Check::warn(NAME, "this user has no display: drawing without a window", DISPLAY),
+        (false, false) => on_the_machine(NAME, screen),
     }
+}
+
+/// Whether the service with a picture finds what it needs, where this user has no display.
+fn on_the_machine(name: &'static str, screen: &Screen) -> Check {
+    let Some(connector) = &screen.connected else {
+        let found =
+            "this user has no display, and none is connected to this machine: drawing without a window";
+        return Check::warn(name, found, DISPLAY);
+    };
+    if screen.has_cage {
+        return Check::ok(name, format!("{connector}: the service vitreo-rig-display shows it there"));
+    }
+    let found = format!("{connector}: cage, by which vitreo-rig-display shows it there, is not installed");
+    Check::warn(name, found, "sudo apt-get install cage xwayland")
 }
 
 /// How a rig comes to a display.

@@ -3,6 +3,7 @@
 use super::Check;
 use crate::children::realtime_allowed;
 use crate::machine::Machine;
+use crate::programs::{BRIDGE, CALIBRATION, COMMISSION, REPLAY, STREAMS};
 use ipc::programs;
 use protocol::health::Process;
 use rustix::process::{Resource, getrlimit};
@@ -26,7 +27,7 @@ pub(super) fn checks() -> Vec<Check> {
         terminal(std::io::stderr().is_terminal()),
     ];
     checks.extend(Process::ALL.map(|p| binary(p.binary())));
-    checks.push(binary(crate::programs::CALIBRATION));
+    checks.extend([STREAMS, CALIBRATION, COMMISSION, REPLAY, BRIDGE].map(binary));
     checks
 }
 
@@ -119,6 +120,18 @@ mod tests {
         assert_eq!(shared_memory(Some((64, 60))).state, State::Fail);
         assert_eq!(shared_memory(Some((1024, 100))).state, State::Warn);
         assert_eq!(shared_memory(Some((1024, 1000))).state, State::Ok);
+    }
+
+    #[test]
+    fn every_program_of_the_package_is_looked_for() {
+        let names: Vec<&str> = checks().iter().map(|check| check.name).collect();
+        let makefile = include_str!("../../../../Makefile").replace("\\\n", " ");
+        let (_, listed) = makefile.split_once("INSTALLED = ").expect("the list");
+        let listed = listed.lines().next().expect("a line");
+        let programs = listed.split(|c: char| c.is_whitespace() || ",()".contains(c));
+        for program in programs.filter(|word| word.starts_with("vitreo-")) {
+            assert!(names.contains(&program), "{program}: {names:?}");
+        }
     }
 
     #[test]

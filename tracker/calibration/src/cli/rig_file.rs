@@ -113,12 +113,13 @@ fn of_camera(camera: &CameraView, sensor: &Sensor) -> String {
     };
     let [width, height] = sensor.size_px;
     format!(
-        "camera {}: {width} × {height} px, {:.0} Hz, {}, {shutter} shutter, {}, blobs after {:.1} ms; sees {:.0} % of the \
-         workspace from {:.0} mm, {:.1} px/mm",
+        "camera {}: {width} × {height} px, {:.0} Hz, {}, {shutter} shutter, {}, exposed for {} ms, blobs after {:.1} ms; sees \
+         {:.0} % of the workspace from {:.0} mm, {:.1} px/mm",
         camera.camera,
         1e9 / sensor.period_ns as f64,
         sensor.scan.name(),
         sensor.format.name(),
+        sensor.exposure_ns as f64 * 1e-6,
         sensor.read_out_ns() as f64 * 1e-6,
         100.0 * camera.sees,
         camera.distance_mm,
@@ -155,7 +156,7 @@ mod tests {
         let text = words(&rig, &view);
         for named in [
             "3 cameras, 50 fields",
-            "camera 2: 720 × 576 px, 50 Hz, interlaced, global shutter, YUYV",
+            "camera 2: 720 × 576 px, 50 Hz, interlaced, global shutter, YUYV, exposed for 4 ms",
             "nothing is missing",
         ] {
             assert!(text.contains(named), "{text}");

@@ -11,7 +11,7 @@ fn said(settings: &str, display: bool) -> Vec<Check> {
     fs::write(&file, settings).unwrap();
     let files = Files { paths: vec![file], log_variable: false, passed_over: None };
     match run_of_settings(&files) {
-        Ok(run) => checks_of(&run, display),
+        Ok(run) => checks_of(&run, display, &Screen::default()),
         Err(problem) => vec![Check::fail("settings", problem, "-")],
     }
 }
@@ -72,4 +72,25 @@ fn what_is_missing_is_named() {
     assert_eq!(of(&said(&settings, true), "rig file")[0].state, State::Fail);
     assert_eq!(of(&said(&format!("{settings}window = true\n"), false), "picture")[0].state, State::Fail);
     assert_eq!(said("[run]\nduration = \"long\"\n", true)[0].name, "settings");
+}
+
+#[test]
+fn the_display_of_the_machine_is_found_and_what_it_lacks_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    assert_eq!(connected(&folder.path().join("none")), None);
+    for (name, status) in
+        [("card0", None), ("card0-DP-1", Some("disconnected\n")), ("card0-HDMI-A-1", Some("connected\n"))]
+    {
+        fs::create_dir(folder.path().join(name)).unwrap();
+        status.into_iter().for_each(|text| fs::write(folder.path().join(name).join("status"), text).unwrap());
+    }
+    let found = connected(folder.path());
+    assert_eq!(found.as_deref(), Some("card0-HDMI-A-1"));
+    let with = |connected: &Option<String>, has_cage| {
+        on_the_machine("picture", &Screen { connected: connected.clone(), has_cage })
+    };
+    let [whole, bare, none] = [with(&found, true), with(&found, false), with(&None, true)];
+    assert!(whole.state == State::Ok && whole.found.contains("card0-HDMI-A-1"), "{whole:?}");
+    assert!(bare.state == State::Warn && bare.mend.unwrap().contains("install cage"), "{}", bare.found);
+    assert!(none.state == State::Warn && none.found.contains("none is connected"), "{none:?}");
 }
