@@ -67,3 +67,19 @@ fn a_nominal_stream_is_tracked_within_four_micrometres() {
     assert!(rows > 100, "{rows} rows");
     assert!(rms <= 4.0, "{rms} µm");
 }
+
+/// Every line of the page that is one is read, and together they have every key of its tables.
+#[test]
+fn the_examples_of_the_page_are_lines_and_have_every_key() {
+    let page = std::fs::read_to_string(repository().join("docs/blob-stream.md")).expect("the page");
+    let examples: Vec<&str> = page.lines().filter_map(|line| line.strip_prefix("    {")).collect();
+    for example in &examples {
+        blob_stream::parse_line(&format!("{{{example}"), "docs/blob-stream.md", 1).expect("a line");
+    }
+    let rows = page.lines().filter_map(|line| line.strip_prefix("| `")?.split_once("` |"));
+    let keys: Vec<&str> = rows.map(|(key, _)| key).take_while(|key| *key != "-").collect();
+    assert!(keys.len() >= 16, "{keys:?}");
+    for key in keys {
+        assert!(examples.iter().any(|e| e.contains(&format!("\"{key}\":"))), "no example has {key}");
+    }
+}

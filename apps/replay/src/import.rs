@@ -22,6 +22,27 @@ struct Imported {
     fields: u64,
     blobs: u64,
     left_out: u64,
+    /// Of cameras that the rig lacks.
+    foreign: u64,
+    /// Of a parity that the camera of the rig does not have.
+    odd_parity: u64,
+}
+
+impl Imported {
+    /// What the tracker will not use, and why.
+    fn warnings(&self) -> Vec<String> {
+        let counts = [
+            (self.left_out, format!("blobs dropped: a field keeps the first {MAX_BLOBS}")),
+            (self.foreign, "fields of cameras that the rig lacks: they will not be tracked".into()),
+            (
+                self.odd_parity,
+                "fields of a parity that their camera in the rig does not have (0 and 1 if its scan is interlaced, 2 \
+                 if progressive): they will not be tracked"
+                    .into(),
+            ),
+        ];
+        counts.into_iter().filter(|(count, _)| *count > 0).map(|(n, what)| format!("{n} {what}")).collect()
+    }
 }
 
 /// Runs it. A stream that is refused half-way leaves no file behind.
@@ -32,20 +53,18 @@ pub fn run(args: &ImportArgs) -> anyhow::Result<ExitCode> {
     let scene = args.scene.as_deref().unwrap_or(DEFAULT_SCENE);
     let mut outputs = Outputs::new(args.force.force).reading_all([&args.rig, &args.blobs]).reading(scene);
     claim(&args.output, &args.writing, &mut outputs)?;
-    Rig::load(&args.rig).context("--rig")?;
+    let rig = Rig::load(&args.rig).context("--rig")?;
     let rig_json =
         read_text(&args.rig, MAX_SETTINGS_BYTES).with_context(|| args.rig.display().to_string())?;
     let provenance = provenance(rig_json, &args.blobs, scene)?;
     let stream = BlobReader::open(&args.blobs)?;
     let output = NewRecording::begin(&args.output, &args.writing, &mut outputs)?;
-    let imported = copy(stream, &output, &provenance)?;
+    let imported = copy(stream, &rig, &output, &provenance)?;
     ensure!(imported.fields > 0, "blob stream {}: holds no field", args.blobs.display());
     output.appear()?;
-    let Imported { fields, blobs, left_out } = imported;
+    let Imported { fields, blobs, .. } = imported;
     inform(&format!("{}: {fields} camera-fields, {blobs} blobs", args.output.display()));
-    if left_out > 0 {
-        warn(&format!("{left_out} blobs dropped: a field keeps the first {MAX_BLOBS}"));
-    }
+    imported.warnings().iter().for_each(|text| warn(text));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -64,7 +83,13 @@ pub(crate) fn provenance(rig_json: String, blobs: &Path, scene: &str) -> anyhow:
     })
 }
 
-fn copy(stream: BlobReader, output: &NewRecording, provenance: &Provenance) -> anyhow::Result<Imported> {
+fn copy(
+    stream: BlobReader,
+    rig: &Rig,
+    output: &NewRecording,
+    provenance: &Provenance,
+) -> anyhow::Result<Imported> {
+    let sensors = rig.sensors();
     let bar = counter("camera-fields");
     let mut writer = output.writer(provenance)?;
     let mut imported = Imported::default();
@@ -73,6 +98,10 @@ fn copy(stream: BlobReader, output: &NewRecording, provenance: &Provenance) -> a
         imported.fields += 1;
         imported.blobs += u64::from(field.count);
         imported.left_out += u64::from(field.blobs_left_out);
+        match sensors.iter().find(|sensor| sensor.camera == field.camera) {
+            None => imported.foreign += 1,
+            Some(sensor) => imported.odd_parity += u64::from(!sensor.has_parity(field.parity)),
+        }
         writer.write(field.blobs_out_ns, &Item::Blobs(Box::new(field)))?;
         bar.inc(1);
     }
@@ -125,6 +154,25 @@ mod tests {
             other => panic!("{other:?}"),
         });
         assert_eq!(fields.collect::<Vec<_>>(), [3, 3, 2]);
+    }
+
+    #[test]
+    fn fields_that_do_not_fit_the_rig_are_kept_and_warned_of() {
+        let directory = tempfile::tempdir().unwrap();
+        let args = args_in(directory.path(), rig_in(directory.path()));
+        let [foreign, whole] = [("\"cam\":0", "\"cam\":5"), ("\"parity\":1", "\"parity\":2")]
+            .map(|(from, to)| LINE.replace(from, to));
+        std::fs::write(&args.blobs, format!("{LINE}\n{foreign}\n{whole}\n{whole}\n")).unwrap();
+        let mut outputs = Outputs::new(false);
+        claim(&args.output, &args.writing, &mut outputs).unwrap();
+        let output = NewRecording::begin(&args.output, &args.writing, &mut outputs).unwrap();
+        let provenance = provenance(String::new(), &args.blobs, DEFAULT_SCENE).unwrap();
+        let rig = Rig::load(&args.rig).unwrap();
+        let imported = copy(BlobReader::open(&args.blobs).unwrap(), &rig, &output, &provenance).unwrap();
+        assert_eq!((imported.fields, imported.foreign, imported.odd_parity), (4, 1, 2));
+        let warnings = imported.warnings();
+        assert!(warnings[0].starts_with("1 fields of cameras that the rig lacks"), "{warnings:?}");
+        assert!(warnings[1].starts_with("2 fields of a parity"), "{warnings:?}");
     }
 
     #[test]

@@ -21,7 +21,7 @@ use rig::Rig;
 use rig::camera::Camera;
 use rig::region;
 use rig::sensor::{Scan, Sensor as OfRig};
-use settings::commands::cameras::{Stream, StreamKind};
+use settings::commands::cameras::{Stream, StreamKind, Trigger};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::{Receiver, Sender, channel, sync_channel};
@@ -118,7 +118,8 @@ impl Reading<'_> {
         let opener = self.opener()?;
         let clock = || (ipc::clock::now(), ipc::clock::realtime_offset_ns());
         let (role, period_ns) = (Role { frame_px, scan }, of_rig.period_ns);
-        let reader = LiveReader { opener, role, sensor: *of_rig, period_ns, clock, line };
+        let is_triggered = stream.wanted.trigger == Some(Trigger::External);
+        let reader = LiveReader { opener, role, sensor: *of_rig, period_ns, clock, is_triggered, line };
         Ok(Box::new(move || reader.run()))
     }
 }

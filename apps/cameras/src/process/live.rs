@@ -12,6 +12,10 @@ use protocol::time::Nanos;
 use rig::sensor::Sensor;
 use std::io::ErrorKind;
 
+/// Rounds of [`LOOK_MS`] without a picture after which a camera is closed and opened again, 5 s: one that answers and
+/// brings nothing may have been left in a state by the program before, which a new start ends.
+const ROUNDS_SILENT: u32 = 100;
+
 /// Reads one camera.
 pub(super) struct LiveReader {
     pub(super) opener: Box<dyn Open>,
@@ -21,6 +25,8 @@ pub(super) struct LiveReader {
     pub(super) period_ns: u64,
     /// The present instant, and by how much the wall clock is ahead of it.
     pub(super) clock: fn() -> (Nanos, u64),
+    /// Its pictures begin when somebody triggers them: it may bring nothing for any time.
+    pub(super) is_triggered: bool,
     pub(super) line: Line,
 }
 
@@ -30,6 +36,8 @@ enum End {
         /// It was opened before.
         was_open: bool,
     },
+    /// It is open and brings nothing.
+    Silent,
     /// The process ends.
     Stopped,
 }
@@ -52,6 +60,8 @@ impl LiveReader {
             // A camera that stays away is reported once.
             let (told, is_news) = match self.read() {
                 Ok(End::Stopped) => return,
+                // That nothing comes is known where pictures are awaited.
+                Ok(End::Silent) => continue,
                 Ok(End::Unplugged { was_open }) => (Told::Closed, was_open || !is_away),
                 Err(problem) => (Told::Refused(format!("{problem:#}")), true),
             };
@@ -74,11 +84,15 @@ impl LiveReader {
         };
         let (settings, note) = device.notes();
         self.line.tell(Told::Opened { is_file: false, settings, note })?;
-        let (layout, mut course) = (device.layout(), Course::default());
+        let (layout, mut course, mut silent) = (device.layout(), Course::default(), 0);
         while !self.line.stopping() {
             match self.next(&mut *device, &layout, &mut course) {
-                Ok(None) => {}
-                Ok(Some(told)) => self.line.tell(told)?,
+                Ok(None) if silent == ROUNDS_SILENT && !self.is_triggered => return Ok(End::Silent),
+                Ok(None) => silent = ROUNDS_SILENT.min(silent + 1),
+                Ok(Some(told)) => {
+                    silent = 0;
+                    self.line.tell(told)?;
+                }
                 Err(problem) if problem.downcast_ref().is_some_and(is_gone) => {
                     return Ok(End::Unplugged { was_open: true });
                 }

@@ -99,6 +99,10 @@ impl Device for Script {
 
 /// Messages about a camera with frames of 32 × 16 px that delivers buffers of `lines` lines.
 fn told(openings: &[Option<&[Act]>], lines: u32) -> Vec<Told> {
+    told_of(openings, lines, false)
+}
+
+fn told_of(openings: &[Option<&[Act]>], lines: u32, is_triggered: bool) -> Vec<Told> {
     let mut rig = Rig::load_or_shipped(None).expect("the shipped rig");
     (rig.cameras[0].width, rig.cameras[0].height) = (32, 16);
     let stop = Arc::<AtomicBool>::default();
@@ -111,7 +115,7 @@ fn told(openings: &[Option<&[Act]>], lines: u32) -> Vec<Told> {
     let clock = || (NOW, 0);
     let rope = bell.rope();
     let line = Line { outbox, spare: spares, rope, stop };
-    LiveReader { opener, role, sensor, period_ns: P, clock, line }.run();
+    LiveReader { opener, role, sensor, period_ns: P, clock, is_triggered, line }.run();
     inbox.try_iter().collect()
 }
 
@@ -187,6 +191,17 @@ fn a_camera_that_is_unplugged_is_told_once_and_taken_up_again() {
             ["gone", "opened, gain 4", "picture 40, first", "gone", "opened, gain 4", "picture 50, first"]
         );
     }
+}
+
+#[test]
+fn a_camera_that_brings_nothing_is_opened_again_unless_it_waits_for_a_trigger() {
+    let silent = vec![Act::Nothing; ROUNDS_SILENT as usize + 1];
+    let after = |acts: &[Act]| [acts, &[Act::Bring(40, NOW - P, 7, INTERLACED, 0), Act::Stop]].concat();
+    let [late, shorter] = [after(&silent), after(&silent[1..])];
+    let both = ["opened, gain 4", "opened, gain 4", "picture 40, first"];
+    assert_eq!(words(&told(&[Some(&late), Some(&after(&[]))], 16)), both);
+    assert_eq!(words(&told(&[Some(&shorter)], 16)), both[1..]);
+    assert_eq!(words(&told_of(&[Some(&late)], 16, true)), both[1..]);
 }
 
 #[test]
