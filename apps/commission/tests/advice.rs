@@ -178,7 +178,11 @@ fn wrong_use_is_refused() {
         (&["lenses", "--board", "9x6"][..], 2, "--from"),
         (&["lenses", "--from", "x"], 1, "--board COLUMNSxROWS is needed"),
         (&["lenses", "--board", "9x6", "--from", "gone.png"], 1, "gone.png"),
-        (&["lenses", "--board", "9x6", "--cameras", "driver"], 2, "expected y4m:PIPE[?parity=1] or v4l2:/dev/videoN"),
+        (
+            &["lenses", "--board", "9x6", "--cameras", "driver"],
+            2,
+            "expected y4m:PIPE[?parity=1] or v4l2:/dev/videoN",
+        ),
         (
             &["lenses", "--board", "9x6", "--cameras", "y4m:a"],
             1,

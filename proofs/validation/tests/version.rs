@@ -40,7 +40,8 @@ fn stream(name: &str) -> (Rig, Vec<BlobField>) {
             return (Rig::load(&folder.join("rig.json")).unwrap(), fields.collect::<Result<_, _>>().unwrap());
         }
     };
-    let drawn = Recipe { scenario, seed: 1, seconds: 10.0, knocks }.draw(&Rig::load_or_shipped(None).unwrap());
+    let drawn =
+        Recipe { scenario, seed: 1, seconds: 10.0, knocks }.draw(&Rig::load_or_shipped(None).unwrap());
     (drawn.rig, drawn.fields)
 }
 
