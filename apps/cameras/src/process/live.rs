@@ -12,9 +12,9 @@ use protocol::time::Nanos;
 use rig::sensor::Sensor;
 use std::io::ErrorKind;
 
-/// Rounds of [`LOOK_MS`] without a picture after which a camera is closed and opened again, 5 s: one that answers and
+/// Rounds of [`LOOK_MS`] without a picture after which a camera is closed and opened again, 10 s: one that answers and
 /// brings nothing may have been left in a state by the program before, which a new start ends.
-const ROUNDS_SILENT: u32 = 100;
+const ROUNDS_SILENT: u32 = 200;
 
 /// Reads one camera.
 pub(super) struct LiveReader {
