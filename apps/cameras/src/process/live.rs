@@ -60,7 +60,7 @@ impl LiveReader {
             // A camera that stays away is reported once.
             let (told, is_news) = match self.read() {
                 Ok(End::Stopped) => return,
-                // That nothing comes is known where pictures are awaited.
+                // Where pictures are awaited, the silence has been reported.
                 Ok(End::Silent) => continue,
                 Ok(End::Unplugged { was_open }) => (Told::Closed, was_open || !is_away),
                 Err(problem) => (Told::Refused(format!("{problem:#}")), true),

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::roles::{READS_POSES, SENDS_BLOBS, SENDS_FIELDS, SENDS_HANDLES, SENDS_PEDAL, SENDS_POSES};
-use ipc::{Instance, Queue};
+use ipc::{Instance, Queue, Receiver};
 use protocol::message::Message;
 use std::ffi::CString;
 use std::ptr::{null, null_mut};
@@ -185,6 +185,18 @@ fn a_driver_belongs_to_its_thread_and_stops_with_its_run() {
     assert_eq!(vitreo_close(driver), 0);
 }
 
+/// Waits for a heartbeat.
+fn wait_for(health: &mut Receiver<Health>, wanted: &dyn Fn(&Health) -> bool) {
+    loop {
+        ipc::wait(&[&*health], 100_000_000);
+        while let Some(beat) = health.next_valid().unwrap() {
+            if wanted(&beat) {
+                return;
+            }
+        }
+    }
+}
+
 #[test]
 fn an_instant_of_another_clock_is_refused_counted_and_shown_until_the_next_is_right() {
     use protocol::health::{Process, STATE_DEGRADED, STATE_RUNNING};
@@ -193,14 +205,7 @@ fn an_instant_of_another_clock_is_refused_counted_and_shown_until_the_next_is_ri
     let mut health = run.receiver::<Health>(Queue::InOrder).unwrap();
     let (code, driver) = open(&name, SENDS_BLOBS | SENDS_POSES | SENDS_PEDAL);
     assert_eq!(code, 0, "{}", words());
-    let mut until = |wanted: &dyn Fn(&Health) -> bool| loop {
-        ipc::wait(&[&health], 100_000_000);
-        while let Some(beat) = health.next_valid().unwrap() {
-            if wanted(&beat) {
-                return;
-            }
-        }
-    };
+    let mut until = |wanted: &dyn Fn(&Health) -> bool| wait_for(&mut health, wanted);
     // SAFETY: blocks of their sizes.
     let send = |exposed_ns: u64| unsafe {
         vitreo_send_blobs(driver, &BlobField { exposed_ns, ..blobs() }, size_of::<BlobField>())
@@ -261,14 +266,7 @@ fn a_driver_is_a_process_of_the_run_and_obeys_it() {
     let mut requests = run.sender::<Request>().unwrap();
     let (code, driver) = open(&name, SENDS_BLOBS | SENDS_PEDAL);
     assert_eq!(code, 0, "{}", words());
-    let mut until = |wanted: &dyn Fn(&Health) -> bool| loop {
-        ipc::wait(&[&health], 100_000_000);
-        while let Some(beat) = health.next_valid().unwrap() {
-            if wanted(&beat) {
-                return;
-            }
-        }
-    };
+    let mut until = |wanted: &dyn Fn(&Health) -> bool| wait_for(&mut health, wanted);
     until(&|beat| beat.process == Process::PedalDriver as u32 && beat.text() == "test");
     let pedal = bytemuck::Zeroable::zeroed();
     let text = CString::new("no power").unwrap();
