@@ -313,7 +313,10 @@ deb: stage ## Build the Debian package: target/debian/vitreo_VERSION-1_ARCHITECT
 	CARGO_TARGET_DIR=target $(TOOLS)/bin/cargo-deb --quiet --no-build --no-strip -p launcher -o $(DEB)
 	@echo $(DEB)
 
-test-deb: deb ## Install, boot, use, upgrade and purge the package in a fresh Debian (as root)
+test-deb: deb ## Install, boot, use, upgrade and purge the package in a fresh Debian (as root; installs lintian and debootstrap)
+	@missing=""; for tool in lintian debootstrap; do command -v $$tool >/dev/null || missing="$$missing $$tool"; done; \
+	command -v systemd-nspawn >/dev/null || missing="$$missing systemd-container"; \
+	if [ -n "$$missing" ]; then $(AS_ROOT) apt-get update -qq; $(AS_ROOT) env $(INSTALL) $$missing; fi
 	$(AS_ROOT) packaging/tools/test-deb $(DEB)
 
 sbom: ## Write the software bill of materials (CycloneDX) to out/
