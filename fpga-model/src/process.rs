@@ -11,7 +11,7 @@ use crate::config::Config;
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
 use ipc::clock::now;
-use ipc::outbox::Outbox;
+use ipc::outbox::{Outbox, Placed};
 use ipc::shell::{Served, Shell, Work};
 use ipc::trace::About;
 use ipc::{BlockReceiver, BlockSample, Instance, Sender};
@@ -65,7 +65,7 @@ struct FpgaModelShell {
 impl FpgaModelShell {
     fn open(config: &Config, extractors: Vec<CameraExtractor>, period_ns: u64) -> Result<Self> {
         let (instance, shell) = Shell::start(Process::FpgaModel, &config.shell).context("cannot start")?;
-        let (fields, blobs) = (instance.block_receiver()?, instance.sender()?);
+        let (fields, blobs) = (instance.block_receiver()?, Outbox::sender(&instance)?);
         Ok(FpgaModelShell {
             shell,
             fields,
@@ -114,16 +114,22 @@ impl FpgaModelShell {
         }
         *newest = header.field;
         let begun = self.shell.trace.begin();
-        let mut field = BlobField::zeroed();
-        let extracted = extractor.extract_payload(header, sample.payload(), &mut field);
-        let Some(due_ns) = extracted.map(|due_ns| due_ns + self.shell.delay_ns()) else {
-            return self.refuse(header);
-        };
-        if !self.outbox.put(due_ns, &field) {
-            tracing::debug!(field = field.field, camera = field.camera, "no room for the blobs of a field");
-            self.no_room += 1;
+        let delay_ns = self.shell.delay_ns();
+        let placed = self.outbox.put(&mut self.blobs, |field| {
+            *field = BlobField::zeroed();
+            let due_ns = extractor.extract_payload(header, sample.payload(), field)?;
+            Some(due_ns + delay_ns)
+        })?;
+        let FieldHeader { field, camera, .. } = *header;
+        match placed {
+            Placed::Waits => {}
+            Placed::Refused => return self.refuse(header),
+            Placed::NoRoom => {
+                tracing::debug!(field, camera, "no room for the blobs of a field");
+                self.no_room += 1;
+            }
         }
-        self.shell.trace.end(Phase::Scan, About::camera(field.field, field.camera), begun);
+        self.shell.trace.end(Phase::Scan, About::camera(field, camera), begun);
         Ok(())
     }
 
@@ -153,11 +159,13 @@ impl FpgaModelShell {
 
     /// Sends every field whose instant has come.
     fn send_due(&mut self) -> Result<()> {
-        while let Some(mut field) = self.outbox.take(now()) {
-            field.blobs_out_ns = now();
-            self.blobs.send(&field)?;
+        while let Some(mut lease) = self.outbox.take(now()) {
+            let field = lease.block();
+            let at = now();
+            field.blobs_out_ns = at;
             let about = About::camera(field.field, field.camera);
-            self.shell.trace.end(Phase::SendScanned, about, field.blobs_out_ns);
+            self.blobs.send_lease(lease)?;
+            self.shell.trace.end(Phase::SendScanned, about, at);
             self.shell.report.sent = self.blobs.sent();
         }
         Ok(())

@@ -1,11 +1,16 @@
 //! What it costs to hand a message on: built aside and copied in and out, or built and read where it lies in
-//! shared memory; and the scene block of a step: `cargo bench -p simcore --bench transport`.
+//! shared memory; blobs that are held back on the way; and the scene block of a step:
+//! `cargo bench -p simcore --bench transport`.
 //! Both ways take turns, and the median of many messages counts.
 
 use bytemuck::Zeroable;
 use ipc::clock::now;
+use ipc::outbox::{Outbox, Placed};
 use ipc::{Instance, Queue, Receiver, Sender};
 use protocol::blobs::BlobField;
+use protocol::events::{Event, EventKind};
+use protocol::frames::FrameRecord;
+use protocol::handles::{HandleState, PedalState, Tool};
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
 use protocol::scene::{SceneHeader, Section};
@@ -13,12 +18,15 @@ use protocol::steps::StepRecord;
 use scene::SceneFile;
 use simcore::scene_block::{SceneWriter, bytes_needed};
 use simcore::world::{World, no_clock};
+use std::collections::VecDeque;
 use std::fmt::Debug;
 use std::hint::black_box;
 use surgeon::rehearsal::Rehearsal;
 
 /// Messages each way.
 const MESSAGES: usize = 20_000;
+/// Fields that wait at a time: a read-out of three cameras.
+const HELD: usize = 3;
 /// Steps of a scene that are written.
 const STEPS: u64 = 600;
 
@@ -38,12 +46,11 @@ impl<M: Message + Debug> Pair<M> {
     }
 
     fn in_place(&mut self, build: fn(&mut M, u64), n: u64) {
-        let sent = self.sender.send_in_place(|message| {
+        let sent = self.sender.fill(|message| {
             *message = M::zeroed();
             build(message, n);
-            true
         });
-        assert!(sent.expect("sent"));
+        sent.expect("sent");
         let sample = self.receiver.next_sample().expect("the channel works").expect("a message");
         black_box(&*sample);
     }
@@ -68,9 +75,58 @@ fn message<M: Message + Debug>(instance: &Instance, name: &str, build: fn(&mut M
         copied.push(took(|| pair.copied(build, n)));
         in_place.push(took(|| pair.in_place(build, n)));
     }
-    let bytes = 2 * size_of::<M>();
+    row(name, 2 * size_of::<M>(), copied, in_place);
+}
+
+fn row(name: &str, bytes: usize, copied: Vec<u64>, in_place: Vec<u64>) {
     let (copied, in_place) = (median_us(copied), median_us(in_place));
     println!("{name:<22}{bytes:>16}{copied:>14.2}{:>16}{in_place:>14.2}", 0);
+}
+
+/// Fields of blobs that wait until they are due, in turns: built aside, copied into a queue, out of it and into
+/// the channel; or built where they are sent from, and queued by their place.
+fn held_back(instance: &Instance) {
+    let mut sender = Outbox::sender(instance).expect("sender");
+    let mut receiver: Receiver<BlobField> = instance.receiver(Queue::InOrder).expect("receiver");
+    let (mut queue, mut outbox) = (VecDeque::with_capacity(HELD), Outbox::default());
+    let (mut copied, mut in_place) = (Vec::new(), Vec::new());
+    for round in 1..=(MESSAGES / HELD) as u64 {
+        let numbers = || (0..HELD as u64).map(|n| round * HELD as u64 + n);
+        let spent = took(|| {
+            for n in numbers() {
+                let mut field = BlobField::zeroed();
+                build_blobs(&mut field, n);
+                queue.push_back((n, field));
+            }
+            while let Some((_, field)) = queue.pop_front() {
+                sender.send(&field).expect("sent");
+                black_box(&receiver.next_valid().expect("the channel works").expect("a field"));
+            }
+        });
+        copied.push(spent / HELD as u64);
+        let spent = took(|| {
+            for n in numbers() {
+                let placed = outbox.put(&mut sender, |field| {
+                    *field = BlobField::zeroed();
+                    build_blobs(field, n);
+                    Some(n)
+                });
+                assert_eq!(placed.expect("lent"), Placed::Waits);
+            }
+            while let Some(lease) = outbox.take(u64::MAX) {
+                sender.send_lease(lease).expect("sent");
+                black_box(&*receiver.next_sample().expect("the channel works").expect("a field"));
+            }
+            outbox.clear();
+        });
+        in_place.push(spent / HELD as u64);
+    }
+    // Into the queue, out of it, into the channel and out of it.
+    row("blobs, held back", 4 * size_of::<BlobField>(), copied, in_place);
+}
+
+fn build_blobs(field: &mut BlobField, n: u64) {
+    (field.field, field.exposed_ns, field.read_out_ns, field.blobs_out_ns) = (n, n, n, n);
 }
 
 /// Bytes of a scene block in all, and of those that are kept and copied: triangles, places at the start, haze
@@ -124,9 +180,16 @@ fn main() {
             body.covariance.iter_mut().for_each(|c| *c = 1e-6);
         });
     });
-    message::<BlobField>(&instance, "blobs", |field, n| {
-        (field.field, field.exposed_ns, field.read_out_ns, field.blobs_out_ns) = (n, n, n, n);
+    message::<BlobField>(&instance, "blobs", build_blobs);
+    held_back(&instance);
+    message::<HandleState>(&instance, "handles", |handle, n| {
+        (handle.seq, handle.field, handle.tool) = (n, n, Tool::Forceps as u32);
     });
+    message::<PedalState>(&instance, "pedal", |pedal, n| (pedal.seq, pedal.instant_ns) = (n, n));
     message::<StepRecord>(&instance, "steps", |step, n| (step.step, step.instants.exposed) = (n, n));
+    message::<Event>(&instance, "events", |event, n| {
+        (event.seq, event.field, event.kind) = (n, n, EventKind::TissueTorn as u32);
+    });
+    message::<FrameRecord>(&instance, "frames", |frame, n| (frame.frame, frame.field) = (n, n));
     ["peel", "erm", "vitrectomy", "lift"].into_iter().for_each(scene_block);
 }

@@ -191,27 +191,32 @@ impl SimcoreShell {
         profile: StepProfile,
     ) -> Result<(), IpcError> {
         let (state, removed) = (world.state(), world.removed());
-        self.steps.send(&StepRecord {
-            step: state.step,
-            field: frame.field,
-            frame: frame.frame,
-            instants,
-            handles_below: state.handles_below,
-            pedals_below: state.pedals_below,
-            advanced_ns: report.advanced_ns,
-            state_hash: report.state_hash,
-            profile,
-            inputs_refused: state.refused + self.refused_by_channels(),
-            frames_lost: self.poses.counts().lost + self.passed_over,
-            membrane_cut_um2: removed.membrane_um2,
-            retina_cut_um2: removed.retina_um2,
-            vitreous_removed_um3: removed.vitreous_um3,
-            vitreous_left_um3: removed.vitreous_left_um3,
-            contacts: world.contacts(),
-            inputs_hash: report.inputs.hash,
-            handles_taken: report.inputs.handles,
-            pedals_taken: report.inputs.pedals,
-        })?;
+        let inputs_refused = state.refused + self.refused_by_channels();
+        let frames_lost = self.poses.counts().lost + self.passed_over;
+        let built = |block: &mut StepRecord| {
+            *block = StepRecord {
+                step: state.step,
+                field: frame.field,
+                frame: frame.frame,
+                instants,
+                handles_below: state.handles_below,
+                pedals_below: state.pedals_below,
+                advanced_ns: report.advanced_ns,
+                state_hash: report.state_hash,
+                profile,
+                inputs_refused,
+                frames_lost,
+                membrane_cut_um2: removed.membrane_um2,
+                retina_cut_um2: removed.retina_um2,
+                vitreous_removed_um3: removed.vitreous_um3,
+                vitreous_left_um3: removed.vitreous_left_um3,
+                contacts: world.contacts(),
+                inputs_hash: report.inputs.hash,
+                handles_taken: report.inputs.handles,
+                pedals_taken: report.inputs.pedals,
+            }
+        };
+        self.steps.fill(built)?;
         self.send_events(world, frame)
     }
 
@@ -239,6 +244,8 @@ impl SimcoreShell {
         Ok(Some(next))
     }
 
+    /// Takes what handles and pedal said since the last step: copied, because a step consumes all of it
+    /// together, and a receiver holds two samples at most.
     fn drain(&mut self) -> Result<(), IpcError> {
         // Takes their notifications away, without waiting.
         wait(&[&self.handles, &self.pedals], 0);
@@ -247,12 +254,12 @@ impl SimcoreShell {
             self.pedal_queue.clear();
         }
         while self.handle_queue.len() < self.handle_queue.capacity() {
-            let Some(handle) = self.handles.next_valid()? else { break };
-            self.handle_queue.push(handle);
+            let Some(handle) = self.handles.next_sample()? else { break };
+            self.handle_queue.push(*handle);
         }
         while self.pedal_queue.len() < self.pedal_queue.capacity() {
-            let Some(pedal) = self.pedals.next_valid()? else { break };
-            self.pedal_queue.push(pedal);
+            let Some(pedal) = self.pedals.next_sample()? else { break };
+            self.pedal_queue.push(*pedal);
         }
         Ok(())
     }
@@ -264,7 +271,9 @@ impl SimcoreShell {
     /// Sends the step's events, and one of its own if the channels refused anything since.
     fn send_events(&mut self, world: &World, frame: &TrackerFrame) -> Result<(), IpcError> {
         for event in world.events() {
-            self.events.send(&Event { seq: event.seq + self.own_events, ..*event })?;
+            // Copied from the step's log, which replay and tests read too: the world knows no channel.
+            let seq = event.seq + self.own_events;
+            self.events.fill(|block| *block = Event { seq, ..*event })?;
         }
         let refused = self.refused_by_channels();
         if refused > self.refused {
@@ -283,13 +292,14 @@ impl SimcoreShell {
         value: f64,
     ) -> Result<(), IpcError> {
         let state = world.state();
-        let mut event: Event = bytemuck::Zeroable::zeroed();
-        event.seq = state.next_event + self.own_events;
-        (event.field, event.exposed_ns) = (state.field, at);
-        (event.kind, event.severity) = (kind as u32, kind.info().severity as u32);
-        (event.instrument, event.value) = (NO_INSTRUMENT, value);
+        let seq = state.next_event + self.own_events;
         self.own_events += 1;
-        self.events.send(&event)
+        self.events.fill(|event| {
+            *event = bytemuck::Zeroable::zeroed();
+            (event.seq, event.field, event.exposed_ns) = (seq, state.field, at);
+            (event.kind, event.severity) = (kind as u32, kind.info().severity as u32);
+            (event.instrument, event.value) = (NO_INSTRUMENT, value);
+        })
     }
 
     fn reset(&mut self, world: &mut World) -> Result<(), IpcError> {

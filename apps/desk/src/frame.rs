@@ -19,10 +19,10 @@ const DIAGONAL: [usize; 6] = [0, 6, 11, 15, 18, 20];
 /// Time constant of a predicted velocity, s: a mouse may stop at any moment.
 const VELOCITY_TAU_S: f64 = 0.08;
 
-/// The frame of a field exposed at `exposed_ns`. The eye does not turn; every body counts as
-/// measured.
-pub fn poses(guidance: &Guidance, field: u64, exposed_ns: Nanos) -> TrackerFrame {
-    let mut frame = TrackerFrame::zeroed();
+/// Writes the frame of a field exposed at `exposed_ns`, whatever stood there. The eye does not turn; every body
+/// counts as measured.
+pub fn write_poses(guidance: &Guidance, field: u64, exposed_ns: Nanos, frame: &mut TrackerFrame) {
+    *frame = TrackerFrame::zeroed();
     (frame.field, frame.frame) = (field, field);
     let instants = &mut frame.instants;
     (instants.exposed, instants.read_out) = (exposed_ns, exposed_ns);
@@ -39,7 +39,6 @@ pub fn poses(guidance: &Guidance, field: u64, exposed_ns: Nanos) -> TrackerFrame
         body.measured_ns = exposed_ns;
         (body.validity, body.status) = (Validity::Measured as u32, BodyStatus::Tracked as u32);
     }
-    frame
 }
 
 /// Tools and jaws of both instruments; `seq` is the number of the first message.
@@ -73,7 +72,8 @@ mod tests {
             Guidance::new(&SceneFile::load("peel").unwrap(), &Rig::load_or_shipped(None).unwrap());
         guidance.apply(Input::Move([400.0, 0.0]));
         (0..20).for_each(|_| guidance.advance(0.02));
-        let frame = poses(&guidance, 20, 1_000_000_000);
+        let mut frame = TrackerFrame::zeroed();
+        write_poses(&guidance, 20, 1_000_000_000, &mut frame);
         frame.validate().unwrap();
         handles(&guidance, 20, 5, 40).iter().for_each(|h| h.validate().unwrap());
         let ahead = predict(&frame, 0, 1_020_000_000).world_from_body.isometry();

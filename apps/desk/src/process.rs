@@ -181,18 +181,21 @@ impl DeskShell {
     fn publish(&mut self) -> Result<()> {
         let exposed = self.next_ns;
         for handle in frame::handles(&self.guidance, self.field, exposed, self.handles.sent()) {
-            self.handles.send(&handle)?;
+            self.handles.fill(|block| *block = handle)?;
         }
         let pedal = self.guidance.pedal();
         if pedal != self.last_pedal || self.field >= self.next_pedal {
             (self.last_pedal, self.next_pedal) =
                 (pedal, self.field + PEDAL_EVERY_NS.div_ceil(self.period_ns));
-            self.pedal.send(&PedalState { seq: self.pedal.sent(), instant_ns: exposed, ..pedal })?;
+            let seq = self.pedal.sent();
+            self.pedal.fill(|block| *block = PedalState { seq, instant_ns: exposed, ..pedal })?;
         }
-        let mut poses = frame::poses(&self.guidance, self.field, exposed);
-        self.shell.inject_delay();
-        poses.instants.tracked = now();
-        self.poses.send(&poses)?;
+        let DeskShell { poses, guidance, field, shell, .. } = self;
+        poses.fill(|block| {
+            frame::write_poses(guidance, *field, exposed, block);
+            shell.inject_delay();
+            block.instants.tracked = now();
+        })?;
         self.shell.report.received = self.window_inputs.counts().received;
         self.shell.report.sent = self.poses.sent() + self.handles.sent() + self.pedal.sent();
         Ok(())

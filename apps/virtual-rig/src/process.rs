@@ -18,9 +18,10 @@ use crate::playback::BlobPlayback;
 use anyhow::{Context, Result, ensure};
 use controls::ControlSample;
 use ipc::clock::now;
+use ipc::outbox::Outbox;
 use ipc::shell::{Served, Shell, Work};
 use ipc::trace::About;
-use ipc::{ControlSender, Instance, Sender};
+use ipc::{ControlSender, Instance, Lease, Sender};
 use kept::{Keeper, Standing};
 use perception::PerceptionInput;
 use playback::Playback;
@@ -107,7 +108,7 @@ impl VirtualRigShell {
         let reacts = surgeon.motion.is_reactive();
         let mut shell = VirtualRigShell {
             shell,
-            blobs: instance.sender()?,
+            blobs: Outbox::sender(&instance)?,
             controls: ControlSender::open(&instance, config.leave.unwrap_or_default())?,
             perception: reacts.then(|| PerceptionInput::open(&instance, goals)).transpose()?,
             note: surgeon.note,
@@ -163,12 +164,21 @@ impl VirtualRigShell {
         });
     }
 
-    /// Sends blobs now.
-    fn send(&mut self, field: &mut BlobField) -> Result<()> {
-        field.blobs_out_ns = now();
-        self.blobs.send(field)?;
+    /// Builds blobs where they are sent from, and sends them now.
+    fn send(&mut self, build: impl FnOnce(&mut BlobField)) -> Result<()> {
+        let mut lease = self.blobs.lend()?;
+        build(lease.block());
+        self.send_lease(lease)
+    }
+
+    /// Sends blobs that were lent, now.
+    fn send_lease(&mut self, mut lease: Lease<BlobField>) -> Result<()> {
+        let field = lease.block();
+        let at = now();
+        field.blobs_out_ns = at;
         let about = About::camera(field.field, field.camera);
-        self.shell.trace.end(Phase::SendBlobs, about, field.blobs_out_ns);
+        self.blobs.send_lease(lease)?;
+        self.shell.trace.end(Phase::SendBlobs, about, at);
         self.shell.report.sent = self.blobs.sent() + self.controls.sent();
         Ok(())
     }

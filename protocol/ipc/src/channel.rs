@@ -1,7 +1,7 @@
 //! Senders and receivers of fixed blocks.
 
 use super::instance::Instance;
-use super::port::{Channel, Held, ReceivePort, SendPort, Stamp, UNIT};
+use super::port::{Channel, Held, Lent, ReceivePort, SendPort, Stamp, UNIT};
 use super::wake::{Listener, Wakes};
 use super::{IpcError, Queue};
 use crate::clock::now;
@@ -34,15 +34,44 @@ pub struct Sender<M: Message> {
 }
 
 impl<M: Message> Sender<M> {
-    /// Copies a block into shared memory and wakes its receivers.
+    /// Copies a block into shared memory and wakes its receivers: for one that its sender keeps anyway, and for
+    /// those beside the data path. What is built only to be sent is built there, by [`Sender::fill`].
     ///
     /// # Errors
     /// Where the transport fails.
     pub fn send(&mut self, message: &M) -> Result<(), IpcError> {
+        self.fill(|block| *block = *message)
+    }
+
+    /// Lends a block of shared memory to `build`, which sets every field, then sends it and wakes its receivers.
+    /// The block holds whatever an earlier one left there.
+    ///
+    /// # Errors
+    /// Where the transport fails.
+    pub fn fill(&mut self, build: impl FnOnce(&mut M)) -> Result<(), IpcError> {
         self.send_in_place(|block| {
-            *block = *message;
+            build(block);
             true
         })?;
+        Ok(())
+    }
+
+    /// Lends a block of shared memory that is not to be sent yet; it holds whatever an earlier one left there.
+    /// The sender was opened for so many at a time ([`Instance::sender_of_many`]).
+    ///
+    /// # Errors
+    /// Where as many are lent already, or the transport fails.
+    pub fn lend(&mut self) -> Result<Lease<M>, IpcError> {
+        Ok(Lease { lent: self.port.lend(size_of::<M>())?, of: PhantomData })
+    }
+
+    /// Sends a block that was lent, and wakes its receivers.
+    ///
+    /// # Errors
+    /// Where the transport fails.
+    pub fn send_lease(&mut self, lease: Lease<M>) -> Result<(), IpcError> {
+        self.port.send_lent(lease.lent, Stamp { sent_ns: now(), ..self.stamp })?;
+        self.stamp.seq += 1;
         Ok(())
     }
 
@@ -64,6 +93,19 @@ impl<M: Message> Sender<M> {
     /// Blocks sent so far.
     pub fn sent(&self) -> u64 {
         self.stamp.seq
+    }
+}
+
+/// A block of shared memory that was lent, to be built before it is sent. Given back unsent when dropped.
+pub struct Lease<M: Message> {
+    lent: Box<dyn Lent>,
+    of: PhantomData<fn(M)>,
+}
+
+impl<M: Message> Lease<M> {
+    /// The block.
+    pub fn block(&mut self) -> &mut M {
+        bytemuck::from_bytes_mut(&mut self.lent.bytes()[..size_of::<M>()])
     }
 }
 
@@ -202,7 +244,20 @@ impl Instance {
     /// # Errors
     /// Where another build runs with another layout, or the transport fails.
     pub fn sender<M: Message>(&self) -> Result<Sender<M>, IpcError> {
-        let port = self.open_sender(&channel::<M>(), size_of::<M>())?;
+        self.sender_over::<M>(&channel::<M>())
+    }
+
+    /// Opens the sending side of a channel for one that holds up to `loans` blocks back, each built in the memory
+    /// from which it is sent.
+    ///
+    /// # Errors
+    /// Where another build runs with another layout, or the transport fails.
+    pub fn sender_of_many<M: Message>(&self, loans: usize) -> Result<Sender<M>, IpcError> {
+        self.sender_over::<M>(&Channel { loans, ..channel::<M>() })
+    }
+
+    fn sender_over<M: Message>(&self, channel: &Channel) -> Result<Sender<M>, IpcError> {
+        let port = self.open_sender(channel, size_of::<M>())?;
         Ok(Sender { port, stamp: Stamp { epoch: now(), ..Stamp::default() }, sends: PhantomData })
     }
 

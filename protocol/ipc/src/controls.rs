@@ -53,7 +53,10 @@ impl ControlSender {
         let instant_ns = now();
         for (i, (tool, jaw_rad)) in tools.into_iter().zip(jaws_rad).enumerate() {
             let (seq, instrument) = (handles.sent(), i as u32);
-            handles.send(&HandleState { seq, field, instant_ns, instrument, tool: tool as u32, jaw_rad })?;
+            let tool = tool as u32;
+            handles.fill(|block| {
+                *block = HandleState { seq, field, instant_ns, instrument, tool, jaw_rad };
+            })?;
         }
         Ok(())
     }
@@ -68,7 +71,8 @@ impl ControlSender {
         if *state != self.last_pedal || instant_ns >= self.pedal_due_ns {
             self.pedal_due_ns = instant_ns + PEDAL_EVERY_NS;
             self.last_pedal = *state;
-            pedal.send(&PedalState { seq: pedal.sent(), instant_ns, ..*state })?;
+            let seq = pedal.sent();
+            pedal.fill(|block| *block = PedalState { seq, instant_ns, ..*state })?;
         }
         Ok(())
     }

@@ -3,7 +3,8 @@
 //! An [`Instance`] is a private directory on tmpfs, with a token in it that names its segments; every
 //! channel of a simulator lives in it, so that several simulators or tests run side by side.
 //! [`Sender`]s and [`Receiver`]s carry fixed blocks, [`BlockSender`]s and [`BlockReceiver`]s a header
-//! with a payload of variable size, both without a copy. A slow receiver blocks no sender: the oldest blocks are overwritten
+//! with a payload of variable size, both without a copy where they are built in the lent block
+//! ([`Sender::fill`], [`Sender::lend`], [`BlockSender::send`]) and read in the sample ([`Receiver::next_sample`]). A slow receiver blocks no sender: the oldest blocks are overwritten
 //! and counted. [`wait`] sleeps until one of several channels has something new.
 //!
 //! Two builds that disagree about a block's layout do not connect: the service carries the schema
@@ -36,7 +37,7 @@ mod wake;
 mod whole;
 
 pub use block::{BlockReceiver, BlockSample, BlockSender, Loan};
-pub use channel::{Counts, Received, Receiver, Sample, Sender};
+pub use channel::{Counts, Lease, Received, Receiver, Sample, Sender};
 pub use controls::ControlSender;
 pub use instance::{Instance, instance_directory, shared_memory_prefix};
 pub use wake::{Bell, BellRope, Listener, MAX_SOURCES, Wakes, wait, wait_beside};

@@ -57,6 +57,9 @@ unsafe impl ZeroCopySend for Stamp {
     }
 }
 
+/// Blocks lent at a time to a sender that sends each before it builds the next but one.
+const LOANS: usize = 2;
+
 /// What is known of a channel before it is opened.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Channel {
@@ -67,12 +70,21 @@ pub(super) struct Channel {
     pub(super) queue: usize,
     pub(super) max_subscribers: usize,
     pub(super) max_publishers: usize,
+    /// Blocks that a sender holds at most while they are not sent.
+    pub(super) loans: usize,
 }
 
 impl Channel {
     /// That of a message.
     pub(super) fn of<M: Message>(max_subscribers: usize, max_publishers: usize) -> Self {
-        Channel { name: M::CHANNEL, schema: M::SCHEMA, queue: M::QUEUE, max_subscribers, max_publishers }
+        Channel {
+            name: M::CHANNEL,
+            schema: M::SCHEMA,
+            queue: M::QUEUE,
+            max_subscribers,
+            max_publishers,
+            loans: LOANS,
+        }
     }
 
     /// Key of the service attribute that carries the schema hash.
@@ -132,6 +144,7 @@ impl Ports for Node<Service> {
             .service(self)?
             .publisher_builder()
             .initial_max_slice_len(capacity.div_ceil(UNIT).max(1))
+            .max_loaned_samples(channel.loans)
             .create()
             .map_err(transport(channel.name, "publisher"))?;
         let notifier = Notifier::open(self, channel.name)?;
@@ -295,7 +308,7 @@ mod tests {
     use crate::Instance;
 
     const CHANNEL: Channel =
-        Channel { name: "raw", schema: 1, queue: 4, max_subscribers: 2, max_publishers: 1 };
+        Channel { name: "raw", schema: 1, queue: 4, max_subscribers: 2, max_publishers: 1, loans: LOANS };
 
     #[test]
     fn blocks_are_padded_aligned_and_given_back() {

@@ -168,13 +168,9 @@ impl HandlesFeed {
         }
         (hand.sent, hand.sent_ns) = (Some(said), now);
         let (seq, tool, jaw_rad) = (self.channel.sent(), said.0 as u32, said.1);
-        self.channel.send(&HandleState {
-            seq,
-            field,
-            instant_ns: now,
-            instrument: i as u32,
-            tool,
-            jaw_rad,
+        let (instant_ns, instrument) = (now, i as u32);
+        self.channel.fill(|block| {
+            *block = HandleState { seq, field, instant_ns, instrument, tool, jaw_rad };
         })?;
         Ok(())
     }

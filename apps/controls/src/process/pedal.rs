@@ -99,7 +99,8 @@ impl PedalFeed {
         }
         (self.sent, self.due_ns) = (Some(self.said), now + EVERY_NS);
         let seq = self.channel.sent();
-        Ok(self.channel.send(&self.said.state(seq, now))?)
+        let said = &self.said;
+        Ok(self.channel.fill(|block| *block = said.state(seq, now))?)
     }
 
     /// Brings its condition up to date; returns what is to be reported.

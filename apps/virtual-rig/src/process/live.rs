@@ -207,7 +207,8 @@ impl Ears {
         field.read_out_ns =
             field.exposed_ns.saturating_add(rig.rig.sensor(field.camera).read_out_ns()).min(at);
         rig.shell.inject_delay();
-        rig.send(field)
+        // The line was read and judged before it was known that it is to be sent.
+        rig.send(|block| *block = *field)
     }
 }
 

@@ -3,8 +3,8 @@
 use crate::cameras::{Exposure, Path};
 use anyhow::Result;
 use bytemuck::Zeroable;
-use ipc::outbox::Outbox;
-use ipc::{BlockSender, Instance};
+use ipc::outbox::{Outbox, Placed};
+use ipc::{BlockSender, Instance, Sender};
 use protocol::blobs::BlobField;
 use protocol::fields::FieldHeader;
 use protocol::phases::Phase;
@@ -35,12 +35,21 @@ impl Output {
         Ok(Output { fields, blobs: Outbox::default() })
     }
 
-    /// Publishes the pixels of a field, or holds its blobs back; false where the outbox is full.
-    pub(super) fn put(&mut self, exposure: &mut Exposure, timing: &FieldTiming) -> Result<bool> {
+    /// Publishes the pixels of a field, or holds its blobs back in memory lent by `blobs`; false where the outbox
+    /// is full.
+    pub(super) fn put(
+        &mut self,
+        exposure: &mut Exposure,
+        timing: &FieldTiming,
+        blobs: &mut Sender<BlobField>,
+    ) -> Result<bool> {
         let Some(fields) = &mut self.fields else {
-            let mut field = BlobField::zeroed();
-            exposure.blobs(&mut field);
-            return Ok(self.blobs.put(timing.due_ns, &field));
+            let placed = self.blobs.put(blobs, |field| {
+                *field = BlobField::zeroed();
+                exposure.blobs(field);
+                Some(timing.due_ns)
+            })?;
+            return Ok(placed != Placed::NoRoom);
         };
         let mut header = exposure.header();
         header.exposed_ns += timing.start_ns;

@@ -4,9 +4,7 @@ use super::controls::ControlSample;
 use super::{Source, VirtualRigShell};
 use crate::playback::BlobPlayback;
 use anyhow::Result;
-use bytemuck::Zeroable;
 use ipc::clock::now;
-use protocol::blobs::BlobField;
 
 /// The stream, and how far it is played.
 pub(super) struct Playback {
@@ -32,11 +30,10 @@ impl Playback {
             rig.send_controls(&sample)?;
             self.beats = due_ns / period_ns + 1;
         }
-        let mut field = BlobField::zeroed();
-        self.stream.field(self.next, rig.timeline.start(), &mut field);
         rig.shell.inject_delay();
+        let (stream, next, start_ns) = (&self.stream, self.next, rig.timeline.start());
         self.next += 1;
-        rig.send(&mut field)
+        rig.send(|field| stream.field(next, start_ns, field))
     }
 }
 

@@ -160,7 +160,7 @@ impl VirtualRigShell {
             return Ok(due_ns);
         }
         let timing = FieldTiming { start_ns: self.timeline.start(), late_ns, due_ns };
-        if !output.put(&mut exposure, &timing)? {
+        if !output.put(&mut exposure, &timing, &mut self.blobs)? {
             tracing::debug!(field = number, camera = id, "no room for the blobs of a field");
             self.shell.report.lost += 1;
         }
@@ -176,10 +176,11 @@ impl VirtualRigShell {
         if let Some(controls) = simulation.controls.take_if(|c| c.due_ns <= elapsed_ns) {
             self.send_controls(&controls)?;
         }
-        while let Some(mut field) = simulation.output.blobs.take(elapsed_ns) {
+        while let Some(mut lease) = simulation.output.blobs.take(elapsed_ns) {
+            let field = lease.block();
             field.exposed_ns += self.timeline.start();
             field.read_out_ns += self.timeline.start();
-            self.send(&mut field)?;
+            self.send_lease(lease)?;
         }
         Ok(())
     }
