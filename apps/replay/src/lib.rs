@@ -25,6 +25,7 @@ pub mod interactive;
 pub mod likely_cause;
 pub mod matched;
 pub mod merge;
+mod misfits;
 pub mod new_recording;
 pub mod other_build;
 pub mod pace;
