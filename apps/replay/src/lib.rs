@@ -20,6 +20,7 @@ pub mod film;
 pub mod frames;
 pub mod import;
 pub mod info;
+mod info_pixels;
 pub mod inspect;
 pub mod interactive;
 pub mod likely_cause;
