@@ -264,6 +264,8 @@ enum VitreoCode
   VITREO_LOAN = -12,
   // A defect of the library; please report it.
   VITREO_DEFECT = -13,
+  // Another driver sends this already: two would be mixed.
+  VITREO_TAKEN = -14,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -549,8 +551,8 @@ extern "C" {
 
 // Joins the run `instance` (vitreo run --instance; "main" by default) as the driver `name`, which sends and reads what
 // `roles` say (a sum of VITREO_SENDS_… and VITREO_READS_…). Where no such run is at work, waits for it for at most
-// `wait_ms` (below 0: for ever). `layout` is VITREO_LAYOUT. The number of the driver is written to `driver`; only this
-// thread can use it.
+// `wait_ms` (below 0: for ever). A channel has one driver: VITREO_TAKEN where another one sends it. `layout` is
+// VITREO_LAYOUT. The number of the driver is written to `driver`; only this thread can use it.
 //
 // # Safety
 // `instance` and `name` are NULL or texts that end with a zero; `driver` is NULL or can be written.

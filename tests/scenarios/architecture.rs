@@ -82,6 +82,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "fpga-model",
             "tracker",
             "calibration",
+            "cameras",
         ],
     ),
     (
@@ -168,9 +169,10 @@ const OWNERS: &[(&str, &[&str])] = &[
 const PROOF_FOLDERS: [&str; 2] = ["proofs/", "tests/"];
 /// Where files are made besides: in the private directory of an instance, in memory, and a recording
 /// on a file that is there.
-const WRITERS: [&str; 5] = [
+const WRITERS: [&str; 6] = [
     "libs/outputs/src/",
     "protocol/ipc/src/",
+    "drivers/c/src/seats.rs",
     "apps/launcher/src/children",
     "libs/recording/src/write.rs",
     "apps/virtual-rig/src/process/kept.rs",

@@ -134,6 +134,37 @@ fn bad_rigs_and_streams_are_refused_with_place_and_expectation() {
 }
 
 #[test]
+fn a_stream_of_which_no_field_fits_the_rig_is_no_success() {
+    let folder = tempfile::tempdir().expect("folder");
+    let rig = std::fs::read(repository().join("assets/rig.json")).expect("rig");
+    let rig = write(folder.path(), "rig.json", &rig);
+    let field = |cam: u32, seq: u32, parity: u32| {
+        let t = 47_008_480 + 20_000_000 * u64::from(seq);
+        let out = t + 24_415_695;
+        format!(r#"{{"cam":{cam},"seq":{seq},"t_ns":{t},"t_rx_ns":{out},"parity":{parity},"blobs":[]}}"#)
+    };
+    let misfits: Vec<String> = (0..20).flat_map(|n| [field(7, n, n % 2), field(1, n, 2)]).collect();
+    let [out, poses] = ["o.mcap", "p.csv"].map(|name| folder.path().join(name).display().to_string());
+    let stream = write(folder.path(), "s.jsonl", misfits.join("\n").as_bytes());
+    vitreo(&["import", "--rig", &rig, &stream, "-o", &out]).expect_code(0);
+    let told = vitreo(&["replay", &out, "--poses", &poses]).expect_code(1).stderr;
+    for named in [
+        "o.mcap: none of 40 camera-fields fits the rig",
+        "20 fields of cameras that the rig lacks",
+        "20 fields of a parity",
+    ] {
+        assert!(told.contains(named), "{named}: {told}");
+    }
+    assert!(!folder.path().join("p.csv").exists(), "nothing was tracked");
+    // One field that fits is enough for a replay, which counts the others.
+    let fitting =
+        write(folder.path(), "f.jsonl", [misfits, vec![field(0, 30, 0)]].concat().join("\n").as_bytes());
+    vitreo(&["import", "--rig", &rig, &fitting, "-o", &out, "--force"]).expect_code(0);
+    let told = vitreo(&["replay", &out]).expect_code(0).stdout;
+    assert!(told.contains(" 1 tracker frames") && told.contains("40 camera-fields refused"), "{told}");
+}
+
+#[test]
 fn strange_streams_are_counted_not_fatal() {
     let folder = tempfile::tempdir().expect("folder");
     let blob = r#"{"x":-1e5,"y":1e5,"area":3.0,"colour":"red","w":1.0,"h":1.0}"#;

@@ -11,8 +11,9 @@ use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
+use vitreo::code::Code;
 use vitreo::driver::Driver;
-use vitreo::roles::{SENDS_FIELDS, SENDS_HANDLES, SENDS_PEDAL};
+use vitreo::roles::{SENDS_BLOBS, SENDS_FIELDS, SENDS_HANDLES, SENDS_PEDAL};
 use vitreo_tests::verified::verify;
 use vitreo_tests::{
     Finished, Observer, Running, WATCHDOG, Watchdog, binaries, instance_name, interrupt, json, kill, next,
@@ -261,6 +262,28 @@ fn a_driver_that_is_killed_comes_back() {
     let shared = std::fs::read_dir("/dev/shm").expect("/dev/shm").flatten();
     let leaked: Vec<PathBuf> = shared.map(|e| e.path()).filter(|p| text(p).starts_with(&prefix)).collect();
     assert!(leaked.is_empty() && !directory.exists(), "{leaked:?}");
+}
+
+#[test]
+fn a_second_driver_of_a_channel_is_refused_by_the_name_of_the_first_and_may_take_its_place_when_that_is_killed()
+ {
+    let folder = tempfile::tempdir().expect("folder");
+    let [_, lines] = streams(folder.path());
+    let program = compile("cc", "blobs.c", folder.path());
+    let hosted = Hosted::start("blobs,handles,pedal", &[]);
+    let mut observer = Observer::join(&hosted.name);
+    let (mut child, watchdog) = hosted.drive(&mut Command::new(&program), &text(&lines));
+    observer.health(Process::BlobsDriver, |h| h.sent > 0);
+    let open = || Driver::open(&hosted.name, "second", SENDS_BLOBS, 0);
+    let refused = open().err().expect("the channel has a driver");
+    let first = format!("takes its blobs from the driver 'c-example' (process {})", child.id());
+    assert!(refused.code == Code::Taken && refused.text.contains(&first), "{refused}");
+    kill(child.id());
+    drop((child.wait().expect("the driver ends"), watchdog));
+    let second = open().expect("the place of the killed one is free at once");
+    drop((second, observer));
+    interrupt(hosted.run.pid());
+    hosted.end();
 }
 
 #[test]

@@ -27,7 +27,7 @@ use vitreo_tests::{Observer, Running, instance_name, interrupt, json, kill, next
 const FIELD: u64 = 200;
 
 /// What each camera of the shipped rig sees: an even and an odd field.
-fn painted() -> Vec<[FieldPicture; 2]> {
+pub(crate) fn painted() -> Vec<[FieldPicture; 2]> {
     let rig = Rig::load_or_shipped(None).expect("the shipped rig");
     let scene = SceneFile::load(DEFAULT_SCENE).expect("the default scene");
     let mut surgeon = MotionSource::new(&scene, &rig, None, 1);
@@ -81,7 +81,7 @@ enum Manner {
 }
 
 /// A writer into a pipe, again and again until it is stopped or the pipe has no reader.
-struct Writer {
+pub(crate) struct Writer {
     stop: Arc<AtomicBool>,
     manner: Arc<Mutex<Manner>>,
     thread: JoinHandle<()>,
@@ -129,7 +129,7 @@ impl Writing {
 }
 
 impl Writer {
-    fn start(pipe: &Path, fields: &[FieldPicture; 2], interlaced: bool) -> Self {
+    pub(crate) fn start(pipe: &Path, fields: &[FieldPicture; 2], interlaced: bool) -> Self {
         Self::of(pipe, stream(fields, interlaced), false)
     }
 
@@ -156,19 +156,19 @@ impl Writer {
         *self.manner.lock().expect("a manner") = manner;
     }
 
-    fn close(self) {
+    pub(crate) fn close(self) {
         self.stop.store(true, Ordering::Relaxed);
         self.thread.join().expect("it writes");
     }
 }
 
 /// A folder with a rig and three pipes.
-struct Bench {
+pub(crate) struct Bench {
     folder: tempfile::TempDir,
 }
 
 impl Bench {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let folder = tempfile::tempdir().expect("folder");
         Bench { folder }
     }
@@ -177,11 +177,15 @@ impl Bench {
         self.folder.path().join(name)
     }
 
-    fn text(&self, name: &str) -> String {
+    pub(crate) fn text(&self, name: &str) -> String {
         self.path(name).display().to_string()
     }
 
-    fn pipes(&self) -> [PathBuf; 3] {
+    pub(crate) fn exists(&self, name: &str) -> bool {
+        self.path(name).exists()
+    }
+
+    pub(crate) fn pipes(&self) -> [PathBuf; 3] {
         let pipes = ["a", "b", "c"].map(|name| self.path(name));
         assert!(Command::new("mkfifo").args(&pipes).status().expect("mkfifo").success());
         pipes

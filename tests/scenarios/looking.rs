@@ -101,6 +101,8 @@ fn a_recording_of_fields_brings_the_rig_of_its_cameras() {
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (fields, report) = (path("fields.mcap"), path("report.json"));
     vitreo(&["cameras", "virtual", "--record-fields", &fields, "--duration", "1.5"]).expect_code(0);
+    let info = vitreo(&["info", &fields]).expect_code(0).stdout;
+    assert!(info.contains("camera 2: ") && info.contains(" fields of virtual"), "{info}");
     let (cameras, name) = (format!("mcap:{fields}"), instance_name());
     let run = ["run", "--no-picture", "--cameras", &cameras, "--instance", &name, "--report", &report];
     let done = vitreo(&run);

@@ -22,6 +22,7 @@ mod instruments;
 mod judged;
 mod live_blobs;
 mod live_cameras;
+mod live_commission;
 mod live_viewers;
 mod logging;
 mod looking;

@@ -1,5 +1,6 @@
 //! The process of the cameras: channels, the common start, heartbeat and figures.
 
+pub mod capture;
 mod controls;
 pub(crate) mod feed;
 mod figures;

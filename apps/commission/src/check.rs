@@ -2,7 +2,9 @@
 
 use crate::folder::{Folder, Outcome};
 use crate::lenses::residual_picture;
+use crate::live::LiveArgs;
 use crate::poses::{Fit, instants, told};
+use crate::stream::Origin;
 use anyhow::Result;
 use calibration::cli::{LIMIT_PX, drift_report, judged};
 use calibration::drift_check;
@@ -12,7 +14,7 @@ use calibration::self_calibration::{fitted, residuals_of};
 use calibration::target_problem::Residual;
 use plots::Format;
 use rig::Rig;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Least share of a stream's blobs that fit a rig that holds, and what may be left of all, px.
 pub const LEAST_SHARE: f64 = 0.8;
@@ -25,6 +27,9 @@ pub struct CheckArgs {
     /// Stream (.mcap, .jsonl) of moving instruments [default: only the rig file is checked].
     #[arg(long, value_name = "STREAM")]
     pub from: Option<PathBuf>,
+    /// Or live cameras.
+    #[command(flatten)]
+    pub live: LiveArgs,
 }
 
 /// Runs the step; the second value is false where something is missing, or a camera has moved.
@@ -40,18 +45,18 @@ pub fn run(folder: &Folder, rig: &Rig, args: &CheckArgs) -> Result<(Outcome, boo
     let caption = "how well tips are known, from one frame".to_owned();
     outcome.pictures.push(("rig.png".into(), caption, plots::bytes(&maps, Format::Png)?));
     seen_by_cameras(&view, &mut outcome);
-    let holds = match &args.from {
-        Some(path) => holds(folder, rig, path, &mut outcome)?,
+    let origin = Origin::of(args.from.as_deref(), &args.live);
+    let holds = match origin {
+        Some(origin) => holds(folder, rig, origin, &mut outcome)?,
         None => {
-            let said =
-                "whether the rig fits its cameras is unknown without a stream: run check --from STREAM";
+            let said = "whether the rig fits its cameras is unknown without a stream: run check --from STREAM, or --cameras";
             outcome.record.advice.push(said.into());
             true
         }
     };
     let record = &mut outcome.record;
     let lacks = if view.missing.is_empty() { "nothing is missing" } else { "something is missing" };
-    let fits = match (&args.from, holds) {
+    let fits = match (origin, holds) {
         (None, _) => "not tried on a stream",
         (_, true) => "the rig holds",
         (_, false) => "the rig does not hold",
@@ -83,8 +88,8 @@ fn seen_by_cameras(view: &RigView, outcome: &mut Outcome) {
     record.advice.extend(view.missing.iter().cloned());
 }
 
-fn holds(folder: &Folder, rig: &Rig, path: &Path, outcome: &mut Outcome) -> Result<bool> {
-    let (stream, seen) = instants(folder, rig, path)?;
+fn holds(folder: &Folder, rig: &Rig, origin: Origin<'_>, outcome: &mut Outcome) -> Result<bool> {
+    let (stream, seen) = instants(folder, rig, origin)?;
     let found = drift_check::check(rig, &seen, LIMIT_PX)?;
     let (seen, bundle) = fitted(rig, &seen)?;
     let residuals = residuals_of(&seen, &bundle);
@@ -98,7 +103,7 @@ fn holds(folder: &Folder, rig: &Rig, path: &Path, outcome: &mut Outcome) -> Resu
         ));
     }
     let record = &mut outcome.record;
-    record.from = vec![path.display().to_string()];
+    record.from = origin.names();
     record.figure("residuals of the stream", format!("{:.3} px", found.rms_px));
     let judgement = judged(rig, &stream.fields);
     told(&drift_report(rig, &found, LIMIT_PX, &judgement), record);

@@ -10,6 +10,7 @@ pub mod cli;
 pub mod colours;
 pub mod folder;
 pub mod lenses;
+pub mod live;
 pub mod page;
 pub mod pictures;
 pub mod places;

@@ -8,6 +8,7 @@
 //! whole: what they show must be held still.
 
 use crate::Refused;
+use crate::live::{self, Choice};
 use anyhow::{Context, Result, bail, ensure};
 use fpga_model::input::recorded::Recorded;
 use fpga_model::input::source::{Reading, Source};
@@ -15,7 +16,7 @@ use fpga_model::input::whole::{WholePictures, is_recording, woven};
 use fpga_model::input::{Interlace, Picture};
 use rig::Rig;
 use rig::sensor::Scan;
-use settings::commands::cameras::{Stream, StreamKind, Wanted};
+use settings::commands::cameras::Stream;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -34,9 +35,15 @@ pub struct PicturesArgs {
     /// .jsonl) of waved instruments.
     #[arg(long, value_name = "PATH", num_args = 1.., required_unless_present = "cameras", help_heading = "Pictures")]
     pub from: Vec<PathBuf>,
-    /// Live cameras in the order of the rig: v4l2:/dev/videoN or y4m:PIPE, of whole pictures or of fields (?parity=1 if
-    /// the first field has the odd lines).
-    #[arg(long, value_name = "SPEC,...", value_delimiter = ',', value_parser = live, conflicts_with = "from", help_heading = "Pictures")]
+    /// Live cameras in the order of the rig: v4l2:/dev/videoN, genicam:NAME or y4m:PIPE, with settings as for vitreo run
+    /// --cameras.
+    #[arg(
+        long,
+        value_name = "SPEC,...",
+        value_delimiter = ',',
+        conflicts_with = "from",
+        help_heading = "Pictures"
+    )]
     pub cameras: Vec<Stream>,
     /// Use every Nth picture of clips and live cameras.
     #[arg(
@@ -52,21 +59,6 @@ pub struct PicturesArgs {
 fn most(text: &str) -> Result<usize, String> {
     let number = text.parse().ok().filter(|n| (1..=MOST).contains(n));
     number.ok_or_else(|| format!("expected 1 to {MOST}"))
-}
-
-/// A live camera whose pictures can be read here.
-fn live(text: &str) -> Result<Stream, String> {
-    let stream = text.parse::<Stream>();
-    let fits = |s: &Stream| match s.kind {
-        StreamKind::Y4m => true,
-        StreamKind::V4l2 => s.parity.is_none() && s.wanted == Wanted::default(),
-        StreamKind::Mcap | StreamKind::Genicam => false,
-    };
-    stream.ok().filter(fits).ok_or_else(|| {
-        "expected y4m:PIPE[?parity=1] or v4l2:/dev/videoN; record other cameras, or cameras with settings, by vitreo \
-         cameras SPEC,... --record-fields FILE.mcap, and give --from FILE.mcap"
-            .into()
-    })
 }
 
 /// What looks at a picture: its camera, its view, the name of its file, and itself.
@@ -86,8 +78,10 @@ pub struct Feed {
 pub enum Kind {
     /// Files by view.
     Stills(BTreeMap<String, PathBuf>),
-    /// A clip, a pipe, or a camera.
+    /// A clip, or a pipe by its name.
     Clip(PathBuf),
+    /// A live camera.
+    Live,
     /// A recording of several cameras.
     Recording(PathBuf),
 }
@@ -144,14 +138,7 @@ impl PicturesArgs {
     /// A path that cannot be read, a name that says no camera or one that there is not, a view twice.
     pub fn feeds(&self, ids: &[u32]) -> Result<Vec<Feed>> {
         if !self.cameras.is_empty() {
-            let (found, expected) = (self.cameras.len(), ids.len());
-            ensure!(
-                found == expected,
-                "--cameras: expected one for each of {expected} cameras, found {found}"
-            );
-            let feed =
-                |(live, &camera): (&Stream, &u32)| Feed { camera, kind: Kind::Clip(live.path.clone()) };
-            return Ok(self.cameras.iter().zip(ids).map(feed).collect());
+            return Ok(ids.iter().map(|&camera| Feed { camera, kind: Kind::Live }).collect());
         }
         if let [path] = &self.from[..]
             && is_recording(path)
@@ -198,6 +185,10 @@ impl PicturesArgs {
     /// # Errors
     /// A picture that cannot be read; those of `look`.
     pub fn each(&self, rig: &Rig, feeds: &[Feed], look: &mut Look<'_>) -> Result<()> {
+        if !self.cameras.is_empty() {
+            let choice = Choice { every: self.every, most: self.most };
+            return live::pictures(rig, &self.cameras, choice, look);
+        }
         let reading = Reading { interlace: Some(Interlace::Progressive), ..Reading::default() };
         let mut clips: Vec<(u32, PathBuf)> = Vec::new();
         for feed in feeds {
@@ -211,6 +202,7 @@ impl PicturesArgs {
                     continue;
                 }
                 Kind::Stills(views) => views,
+                Kind::Live => continue,
             };
             // Spread over all where there are more.
             let used = self.most.min(views.len());
@@ -251,7 +243,7 @@ impl PicturesArgs {
     ) -> Result<()> {
         let paths: Vec<PathBuf> = clips.iter().map(|c| c.1.clone()).collect();
         let mut source = Source::open(&paths, None, reading)?;
-        let mut fields: Vec<Fields> = clips.iter().map(|(id, path)| self.fields(rig, *id, path)).collect();
+        let mut fields: Vec<Fields> = clips.iter().map(|(id, _)| Fields::of(rig, *id)).collect();
         let last = self.every * (self.most as u64 - 1);
         while let Some(shot) = source.take()? {
             let (clip, picture) = (shot.head.cam as usize, shot.view.picture);
@@ -273,35 +265,28 @@ impl PicturesArgs {
         }
         Ok(())
     }
-
-    /// The fields that a clip of a camera may consist of.
-    fn fields(&self, rig: &Rig, id: u32, path: &Path) -> Fields {
-        let sensor = rig.sensor(id);
-        let size_px = [sensor.size_px[0] as usize, sensor.lines() as usize];
-        let first_parity = self.cameras.iter().find(|live| live.path == path).and_then(|live| live.parity);
-        Fields {
-            size_px: (sensor.scan == Scan::Interlaced).then_some(size_px),
-            begins_even: first_parity != Some(1),
-            first: None,
-        }
-    }
 }
 
 /// Single fields of an interlaced camera, of which two make a picture.
 struct Fields {
     /// Their width and lines; `None` of a progressive camera.
     size_px: Option<[usize; 2]>,
-    /// The first of two has the even lines.
-    begins_even: bool,
-    /// The first of two, until the second comes.
+    /// The first of two, which has the even lines, until the second comes.
     first: Option<Picture>,
 }
 
 impl Fields {
+    /// Those that a clip of a camera may consist of.
+    fn of(rig: &Rig, id: u32) -> Self {
+        let sensor = rig.sensor(id);
+        let size_px = [sensor.size_px[0] as usize, sensor.lines() as usize];
+        Fields { size_px: (sensor.scan == Scan::Interlaced).then_some(size_px), first: None }
+    }
+
     /// Takes the next field; with every second one, the picture of both.
     fn whole(&mut self, field: &Picture) -> Option<Picture> {
         match self.first.take() {
-            Some(first) => Some(woven(&first, field, self.begins_even)),
+            Some(first) => Some(woven(&first, field, true)),
             None => {
                 self.first = Some(field.clone());
                 None
@@ -356,12 +341,6 @@ mod tests {
         for path in ["a.png", "cam.png", "scam/a.png", "cam99999999999/a.png"] {
             assert_eq!(named(Path::new(path)), None, "{path}");
         }
-        assert_eq!(live("y4m:/tmp/a").unwrap().path, Path::new("/tmp/a"));
-        assert_eq!(live("y4m:/tmp/a?parity=1").unwrap().parity, Some(1));
-        assert!(live("y4m:").is_err() && live("/dev/video0").is_err());
-        for other in ["genicam:a", "mcap:a", "v4l2:/dev/video0?gain=3"] {
-            assert!(live(other).unwrap_err().contains("--record-fields FILE.mcap"), "{other}");
-        }
     }
 
     #[test]
@@ -378,7 +357,7 @@ mod tests {
         let feeds = args.feeds(&[0, 1]).unwrap();
         let views = |i: usize| match &feeds[i].kind {
             Kind::Stills(views) => views.keys().cloned().collect::<Vec<_>>(),
-            Kind::Clip(_) | Kind::Recording(_) => Vec::new(),
+            _ => Vec::new(),
         };
         assert_eq!((feeds.len(), views(0), views(1)), (2, vec!["1".into(), "2".into()], vec!["1".into()]));
         let refused = |ids: &[u32]| args.feeds(ids).unwrap_err().to_string();
@@ -408,9 +387,8 @@ mod tests {
             std::fs::write(&path, [&b"YUV4MPEG2 W16 H16 F25:1 Ip C420jpeg\n"[..], &frames].concat()).unwrap();
             path
         };
-        let cameras = [clip("a", 30), clip("b", 100)];
-        let cameras = cameras.map(|path| format!("y4m:{}", path.display()).parse().unwrap()).to_vec();
-        let args = PicturesArgs { cameras, most: 3, every: 2, ..PicturesArgs::default() };
+        let from = vec![clip("cam4.y4m", 30), clip("cam5.y4m", 100)];
+        let args = PicturesArgs { from, most: 3, every: 2, ..PicturesArgs::default() };
         let mut seen = Vec::new();
         let rig = Rig::load_or_shipped(None).unwrap();
         args.each(&rig, &args.feeds(&[4, 5]).unwrap(), &mut |camera, view, file, picture| {
@@ -422,9 +400,6 @@ mod tests {
         let expected = |(view, camera): (u32, u32)| (camera, format!("{view:04}"), 16);
         let expected: Vec<_> = (0..3).flat_map(|v| [(v, 4), (v, 5)]).map(expected).collect();
         assert_eq!(seen, expected);
-        assert!(
-            args.feeds(&[0]).unwrap_err().to_string().contains("expected one for each of 1 cameras, found 2")
-        );
     }
 
     /// An interlaced camera that brings fields: each picture has the lines of two of them.
@@ -439,26 +414,18 @@ mod tests {
             .concat();
         let path = folder.path().join("cam0.y4m");
         std::fs::write(&path, clip).unwrap();
-        let lines = |args: &PicturesArgs| {
-            let mut seen = Vec::new();
-            args.each(&rig, &args.feeds(&[0]).unwrap(), &mut |_, view, _, picture| {
-                assert_eq!([picture.width, picture.height], [16, 8]);
-                seen.push((view.to_owned(), [picture.luma[0], picture.luma[16]]));
-                Ok(())
-            })
-            .unwrap();
-            seen
-        };
-        let expected = |parity: usize| {
-            let pair = |k: u8| if parity == 0 { [30 + k, 31 + k] } else { [31 + k, 30 + k] };
-            [("0000".to_owned(), pair(0)), ("0001".to_owned(), pair(4)), ("0002".to_owned(), pair(8))]
-        };
-        let args = PicturesArgs { most: 3, every: 2, ..PicturesArgs::default() };
-        assert_eq!(lines(&PicturesArgs { from: vec![path.clone()], ..args.clone() }), expected(0));
-        for parity in [0, 1] {
-            let live = format!("y4m:{}?parity={parity}", path.display()).parse().unwrap();
-            assert_eq!(lines(&PicturesArgs { cameras: vec![live], ..args.clone() }), expected(parity));
-        }
+        let args = PicturesArgs { from: vec![path], most: 3, every: 2, ..PicturesArgs::default() };
+        let mut seen = Vec::new();
+        args.each(&rig, &args.feeds(&[0]).unwrap(), &mut |_, view, _, picture| {
+            assert_eq!([picture.width, picture.height], [16, 8]);
+            seen.push((view.to_owned(), [picture.luma[0], picture.luma[16]]));
+            Ok(())
+        })
+        .unwrap();
+        let pair = |k: u8| [30 + k, 31 + k];
+        let expected =
+            [("0000".to_owned(), pair(0)), ("0001".to_owned(), pair(4)), ("0002".to_owned(), pair(8))];
+        assert_eq!(seen, expected);
     }
 
     proptest! {

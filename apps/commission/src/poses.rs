@@ -6,9 +6,10 @@
 use crate::boards::{Boards, half, look, rms_with};
 use crate::folder::{Folder, Outcome, Record};
 use crate::lenses::residual_picture;
+use crate::live::{SECONDS, seconds};
 use crate::pictures::PicturesArgs;
 use crate::places::{beside, exchanged, laid_over, spread_mm};
-use crate::stream::{self, MOST_INSTANTS, Stream};
+use crate::stream::{self, MOST_INSTANTS, Origin, Stream};
 use crate::{Refused, refuse};
 use anyhow::Result;
 use calibration::bundle::PriorSigmas;
@@ -42,10 +43,13 @@ pub struct PosesArgs {
     /// The board.
     #[command(flatten)]
     pub board: BoardArgs,
-    /// Pictures of the board, or one stream (.mcap, .jsonl) of waved instruments. A recording of pixels is one of waved
-    /// instruments where no board is given.
+    /// Pictures of the board, or one stream (.mcap, .jsonl) of waved instruments. A recording of pixels and live cameras
+    /// show waved instruments where no board is given.
     #[command(flatten)]
     pub pictures: PicturesArgs,
+    /// Watch waved instruments for S seconds, with --cameras and without a board.
+    #[arg(long, value_name = "S", default_value_t = SECONDS, value_parser = seconds)]
+    pub seconds: f64,
 }
 
 /// Runs the step.
@@ -54,8 +58,10 @@ pub struct PosesArgs {
 /// Pictures or a stream that cannot be read, or show too little.
 pub fn run(folder: &Folder, rig: &Rig, args: &PosesArgs) -> Result<Outcome> {
     let is_waved = |path: &Path| stream::is_stream(path) || (is_recording(path) && !args.board.is_given());
+    let cameras = &args.pictures.cameras[..];
     match args.pictures.from.as_slice() {
-        [path] if is_waved(path) => waved(folder, rig, path),
+        [path] if is_waved(path) => waved(folder, rig, Origin::File(path)),
+        [] if !args.board.is_given() => waved(folder, rig, Origin::Live(cameras, args.seconds)),
         _ => boards(rig, args),
     }
 }
@@ -200,8 +206,8 @@ fn keep_or(rig: &Rig, new: Rig, outcome: &mut Outcome) -> Option<Rig> {
 /// How sure a rig is before its instruments are waved.
 const BEFORE: PriorSigmas = PriorSigmas { camera_mm: 0.2, camera_rad: 2e-3, marker_mm: 0.01, lens_px: 0.0 };
 
-fn waved(folder: &Folder, rig: &Rig, path: &Path) -> Result<Outcome> {
-    let stream = stream::load(rig, path, folder.colours().as_deref())?;
+fn waved(folder: &Folder, rig: &Rig, origin: Origin<'_>) -> Result<Outcome> {
+    let stream = stream::load(rig, origin, folder.colours().as_deref())?;
     let refined = |fields: &[BlobField]| {
         refine_stream(rig, fields, &BEFORE, MOST_INSTANTS, &mut |_, _| {}).map_err(|problem| {
             Refused(vec![format!(
@@ -220,7 +226,7 @@ fn waved(folder: &Folder, rig: &Rig, path: &Path) -> Result<Outcome> {
     let mut outcome = Outcome::default();
     let report = waved_report(rig, &found, true);
     let record = &mut outcome.record;
-    record.from = vec![path.display().to_string()];
+    record.from = origin.names();
     record.kept = before.left_px < held_out.left_px;
     record.summary =
         format!("{:.0} s of waved instruments: residuals {:.3} px", stream.seconds, report.rms_px);
@@ -271,13 +277,13 @@ pub(crate) fn told(report: &Report, record: &mut Record) {
     record.notes.extend(report.notes.iter().cloned());
 }
 
-/// Instants of a stream with the rig.
+/// Instants of a stream or of live cameras with the rig.
 pub(crate) fn instants(
     folder: &Folder,
     rig: &Rig,
-    path: &Path,
+    origin: Origin<'_>,
 ) -> Result<(Stream, Vec<calibration::observations::FrameObservations>)> {
-    let stream = stream::load(rig, path, folder.colours().as_deref())?;
+    let stream = stream::load(rig, origin, folder.colours().as_deref())?;
     let seen = stream.seen(rig)?;
     Ok((stream, seen))
 }

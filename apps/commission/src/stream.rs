@@ -1,5 +1,6 @@
 //! Streams of blobs: recordings (`.mcap`) and `blobs.jsonl`, and whether they say enough.
 
+use crate::live::{self, LiveArgs};
 use crate::{Refused, refuse};
 use anyhow::Result;
 use calibration::cli::fields_in;
@@ -8,6 +9,7 @@ use calibration::self_calibration::{spread, usable};
 use fpga_model::input::whole::is_recording;
 use protocol::blobs::BlobField;
 use rig::Rig;
+use settings::commands::cameras as stream;
 use std::path::Path;
 
 /// Shortest stream, s.
@@ -20,6 +22,31 @@ pub const FEWEST_INSTANTS: usize = 40;
 pub const MOST_INSTANTS: usize = 400;
 /// Least share of a camera's fields that have blobs.
 const LEAST_SEEN: f64 = 0.3;
+
+/// Where a stream comes from.
+#[derive(Debug, Clone, Copy)]
+pub enum Origin<'a> {
+    /// A recording or a file of blobs.
+    File(&'a Path),
+    /// Live cameras, watched for so many seconds.
+    Live(&'a [stream::Stream], f64),
+}
+
+impl<'a> Origin<'a> {
+    /// Of the options of a step; `None` without any.
+    pub fn of(from: Option<&'a Path>, live: &'a LiveArgs) -> Option<Self> {
+        from.map(Origin::File)
+            .or_else(|| (!live.cameras.is_empty()).then_some(Origin::Live(&live.cameras, live.seconds)))
+    }
+
+    /// As it is named in a record.
+    pub fn names(self) -> Vec<String> {
+        match self {
+            Origin::File(path) => vec![path.display().to_string()],
+            Origin::Live(cameras, _) => cameras.iter().map(ToString::to_string).collect(),
+        }
+    }
+}
 
 /// A stream.
 pub struct Stream {
@@ -34,17 +61,20 @@ pub fn is_stream(path: &Path) -> bool {
     path.extension().is_some_and(|e| e == "mcap" || e == "jsonl") && !is_recording(path)
 }
 
-/// Reads a stream, and judges whether it can be one of this rig. The blobs of a recording of pixels are found by
-/// `colours`, or by the shipped ones.
+/// Reads a stream or live cameras, and judges whether it can be one of this rig. The blobs of a recording of pixels and of cameras are
+/// found by `colours`, or by the shipped ones.
 ///
 /// # Errors
 /// A file that cannot be read; a stream that is short, lacks a camera, or is of another rig.
-pub fn load(rig: &Rig, path: &Path, colours: Option<&Path>) -> Result<Stream> {
-    let fields = fields_in(path, colours.filter(|_| is_recording(path)))?.1;
+pub fn load(rig: &Rig, origin: Origin<'_>, colours: Option<&Path>) -> Result<Stream> {
+    let fields = match origin {
+        Origin::File(path) => fields_in(path, colours.filter(|_| is_recording(path)))?.1,
+        Origin::Live(cameras, seconds) => live::blobs(rig, cameras, seconds, colours)?,
+    };
     let instants = fields.iter().map(|f| f.exposed_ns);
     let (first, last) = instants.fold((u64::MAX, 0), |(a, b), t| (a.min(t), b.max(t)));
     let stream = Stream { seconds: last.saturating_sub(first) as f64 * 1e-9, fields };
-    let name = path.display();
+    let name = origin.names().join(",");
     let mut said = Vec::new();
     if stream.seconds < SHORTEST_S {
         said.push(format!(

@@ -1,17 +1,18 @@
 //! Step `trocars`: where the shafts pass through the eye's wall, and where the eye turns about.
 
 use crate::folder::{Folder, Outcome, Record};
+use crate::live::LiveArgs;
 use crate::poses::{Fit, instants, told};
-use crate::stream::Stream;
+use crate::stream::{Origin, Stream};
 use crate::{Refused, refuse};
-use anyhow::Result;
+use anyhow::{Context, Result};
 use calibration::cli::{Centre, pivoted, shafts, turned};
 use calibration::pivot::{Shaft, of_shafts};
 use nalgebra::Vector3;
 use protocol::limits::INSTRUMENTS;
 use protocol::poses::BODY_NAMES;
 use rig::{Rig, Trocar};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// The world's origin is moved to the eye's centre where it is farther away, mm, and so many standard deviations.
 const RECENTRE: (f64, f64) = (0.05, 3.0);
@@ -24,8 +25,11 @@ const SHOULD_MM: f64 = 0.1;
 #[derive(Debug, Clone, clap::Args)]
 pub struct TrocarsArgs {
     /// Stream (.mcap, .jsonl) in which the instruments tilt in their trocars and the eye turns.
-    #[arg(long, value_name = "STREAM")]
-    pub from: PathBuf,
+    #[arg(long, value_name = "STREAM", required_unless_present = "cameras")]
+    pub from: Option<PathBuf>,
+    /// Or live cameras.
+    #[command(flatten)]
+    pub live: LiveArgs,
 }
 
 /// Runs the step.
@@ -33,8 +37,8 @@ pub struct TrocarsArgs {
 /// # Errors
 /// A stream that cannot be read, or in which nothing turns about its pivot.
 pub fn run(folder: &Folder, rig: &Rig, args: &TrocarsArgs) -> Result<Outcome> {
-    let path: &Path = &args.from;
-    let (stream, seen) = instants(folder, rig, path)?;
+    let origin = Origin::of(args.from.as_deref(), &args.live).context("expected --from or --cameras")?;
+    let (stream, seen) = instants(folder, rig, origin)?;
     let (poses, centre) = turned(rig, &seen)?;
     let of_body: Vec<Vec<Shaft>> = (0..INSTRUMENTS).map(|body| shafts(&poses, body)).collect();
     let still = hardly_tilted(&of_body);
@@ -49,7 +53,7 @@ pub fn run(folder: &Folder, rig: &Rig, args: &TrocarsArgs) -> Result<Outcome> {
     });
     let mut outcome = Outcome::default();
     let record = &mut outcome.record;
-    record.from = vec![path.display().to_string()];
+    record.from = origin.names();
     record.advice.extend(still);
     record.advice.extend(stream.advice());
     note_centre(&centre, record);

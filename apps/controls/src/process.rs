@@ -77,7 +77,7 @@ impl Controls {
     fn follow(&mut self, now: Nanos) -> Result<()> {
         // Takes its notifications away, without waiting.
         wait(&[&self.poses], 0);
-        while let Some(frame) = self.poses.next_valid()? {
+        while let Some(frame) = self.poses.next_sample()? {
             self.field = frame.field;
             self.run_from = self.run_from.or(Some(now));
         }

@@ -5,6 +5,7 @@ use crate::engine::{Made, Recorded, Streamed, stream};
 use crate::film::PICTURES_PER_S;
 use crate::interactive;
 use crate::likely_cause::{self, OfLast};
+use crate::misfits::Misfits;
 use crate::other_build;
 use crate::pace::{Pace, Part, Stopped};
 use crate::pixels;
@@ -242,10 +243,12 @@ impl Replay<'_> {
     }
 
     fn imported(&mut self, world: World) -> anyhow::Result<Option<Arc<RecordingError>>> {
-        let Replay { recording, rig, pace, products, screen, .. } = self;
+        let Replay { args, recording, rig, pace, products, screen, .. } = self;
+        let (sensors, mut misfits) = (rig.sensors(), Misfits::default());
         let damage = stream(recording, rig, world, |made| {
             match made {
                 Streamed::Field(field, _) => {
+                    misfits.note(&sensors, field);
                     let part = pace.part(field.exposed_ns);
                     if part == Part::After {
                         return Ok(ControlFlow::Break(()));
@@ -266,8 +269,21 @@ impl Replay<'_> {
             }
             Ok(ControlFlow::Continue(()))
         })?;
+        let figures = &products.figures;
+        if figures.frames == 0 && figures.camera_fields > 0 && misfits != Misfits::default() {
+            bail!(untrackable(args, figures.camera_fields, misfits));
+        }
         Ok(damage.map(Arc::new))
     }
+}
+
+/// Why a stream of so many camera-fields gives no frame at all.
+fn untrackable(args: &ReplayArgs, camera_fields: u64, misfits: Misfits) -> String {
+    let (file, misfits) = (args.file.display(), misfits.words().join("; "));
+    format!(
+        "{file}: none of {camera_fields} camera-fields fits the rig with which the stream was imported, so nothing was \
+         tracked: {misfits}. Import it with the rig that saw it"
+    )
 }
 
 /// What was replayed, and how fast as far as that was measured.

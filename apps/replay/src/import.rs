@@ -1,5 +1,6 @@
 //! `vitreo import`: a rig and a blob stream of another tool become a recording.
 
+use crate::misfits::Misfits;
 use crate::new_recording::{NewRecording, claim};
 use anyhow::{Context, ensure};
 use blob_stream::BlobReader;
@@ -22,26 +23,18 @@ struct Imported {
     fields: u64,
     blobs: u64,
     left_out: u64,
-    /// Of cameras that the rig lacks.
-    foreign: u64,
-    /// Of a parity that the camera of the rig does not have.
-    odd_parity: u64,
+    misfits: Misfits,
 }
 
 impl Imported {
     /// What the tracker will not use, and why.
     fn warnings(&self) -> Vec<String> {
-        let counts = [
-            (self.left_out, format!("blobs dropped: a field keeps the first {MAX_BLOBS}")),
-            (self.foreign, "fields of cameras that the rig lacks: they will not be tracked".into()),
-            (
-                self.odd_parity,
-                "fields of a parity that their camera in the rig does not have (0 and 1 if its scan is interlaced, 2 \
-                 if progressive): they will not be tracked"
-                    .into(),
-            ),
-        ];
-        counts.into_iter().filter(|(count, _)| *count > 0).map(|(n, what)| format!("{n} {what}")).collect()
+        let left_out = self.left_out;
+        let dropped =
+            (left_out > 0).then(|| format!("{left_out} blobs dropped: a field keeps the first {MAX_BLOBS}"));
+        let misfits =
+            self.misfits.words().into_iter().map(|what| format!("{what}: they will not be tracked"));
+        dropped.into_iter().chain(misfits).collect()
     }
 }
 
@@ -98,10 +91,7 @@ fn copy(
         imported.fields += 1;
         imported.blobs += u64::from(field.count);
         imported.left_out += u64::from(field.blobs_left_out);
-        match sensors.iter().find(|sensor| sensor.camera == field.camera) {
-            None => imported.foreign += 1,
-            Some(sensor) => imported.odd_parity += u64::from(!sensor.has_parity(field.parity)),
-        }
+        imported.misfits.note(&sensors, &field);
         writer.write(field.blobs_out_ns, &Item::Blobs(Box::new(field)))?;
         bar.inc(1);
     }
@@ -169,7 +159,7 @@ mod tests {
         let provenance = provenance(String::new(), &args.blobs, DEFAULT_SCENE).unwrap();
         let rig = Rig::load(&args.rig).unwrap();
         let imported = copy(BlobReader::open(&args.blobs).unwrap(), &rig, &output, &provenance).unwrap();
-        assert_eq!((imported.fields, imported.foreign, imported.odd_parity), (4, 1, 2));
+        assert_eq!((imported.fields, imported.misfits), (4, Misfits { foreign: 1, odd_parity: 2 }));
         let warnings = imported.warnings();
         assert!(warnings[0].starts_with("1 fields of cameras that the rig lacks"), "{warnings:?}");
         assert!(warnings[1].starts_with("2 fields of a parity"), "{warnings:?}");

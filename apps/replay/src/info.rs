@@ -1,5 +1,6 @@
 //! `vitreo info`: contents of a recording.
 
+use crate::{info_pixels, pixels};
 use diagnosis::{BodySummary, Due, Summary};
 use ipc::logging::warn;
 use outputs::exit::LOSS;
@@ -220,7 +221,7 @@ impl Contents {
 }
 
 /// Says that a recording ends where its recorder did.
-const NOT_CLOSED: &str = "not closed properly, readable to its end";
+pub(crate) const NOT_CLOSED: &str = "not closed properly, readable to its end";
 
 /// Runs it. A recording that is damaged or was not closed is described as far as it can be read, with exit
 /// code 3.
@@ -228,6 +229,9 @@ const NOT_CLOSED: &str = "not closed properly, readable to its end";
 /// # Errors
 /// Where the file cannot be read as a recording.
 pub fn run(args: &InfoArgs) -> anyhow::Result<ExitCode> {
+    if pixels::is_recorded(&args.file) {
+        return info_pixels::run(args);
+    }
     let recording = Recording::open_in_doubt(&args.file)?;
     let provenance = recording.provenance().clone();
     let mut contents = Contents {

@@ -41,6 +41,8 @@ pub enum Code {
     Loan = -12,
     /// A defect of the library; please report it.
     Defect = -13,
+    /// Another driver sends this already: two would be mixed.
+    Taken = -14,
 }
 
 /// Why a call did not do what it was asked.

@@ -3,6 +3,7 @@
 use crate::code::{Code, Failure, failure};
 use crate::heart::{Heart, Pulse};
 use crate::roles::{self, READS_EVENTS, READS_HEALTH, READS_POSES, SENDERS};
+use crate::seats::Seat;
 use ipc::clock::{now, sleep_until};
 use ipc::outside::invited;
 use ipc::{BlockSender, Instance, Loan, Queue, Receiver, Sender, wait};
@@ -47,6 +48,8 @@ pub struct Driver {
     read_health: Option<Receiver<Health>>,
     roles: u32,
     heart: Heart,
+    /// Of the channels that it sends on. After the heart: who comes next finds this one gone.
+    _seats: Vec<Seat>,
     // Keeps the node alive; dropped last.
     instance: Instance,
 }
@@ -80,8 +83,8 @@ impl Driver {
     /// work, waits for it for at most `wait_ns`.
     ///
     /// # Errors
-    /// Where a name or `roles` make no sense, there is no such run or it does not take that from outside, it was built
-    /// with other blocks, or the transport fails.
+    /// Where a name or `roles` make no sense, there is no such run or it does not take that from outside, another driver
+    /// sends that, it was built with other blocks, or the transport fails.
     pub fn open(instance: &str, name: &str, roles: u32, wait_ns: u64) -> Result<Self, Failure> {
         roles::check(roles)?;
         if name.is_empty() || name.len() > MAX_NAME || name.contains(char::is_control) {
@@ -91,6 +94,8 @@ impl Driver {
         wait_for_run(instance, roles, wait_ns)?;
         let joined = Instance::join(instance)?;
         let processes: Vec<Process> = roles::processes(roles).collect();
+        let channels = processes.iter().copied().filter_map(Process::drives);
+        let seats = channels.map(|channel| Seat::take(&joined, channel, name)).collect::<Result<_, _>>()?;
         let sends = |process| processes.contains(&process);
         let (blobs, handles) = (sends(Process::BlobsDriver), sends(Process::HandlesDriver));
         let (pedal, poses) = (sends(Process::PedalDriver), sends(Process::PosesDriver));
@@ -109,6 +114,7 @@ impl Driver {
             heart: Heart::start(instance, &processes, name.to_owned())?,
             name: name.to_owned(),
             processes,
+            _seats: seats,
             instance: joined,
         })
     }

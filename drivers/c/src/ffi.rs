@@ -123,8 +123,8 @@ fn wait_ns(ms: i32) -> u64 {
 
 /// Joins the run `instance` (vitreo run --instance; "main" by default) as the driver `name`, which sends and reads what
 /// `roles` say (a sum of VITREO_SENDS_… and VITREO_READS_…). Where no such run is at work, waits for it for at most
-/// `wait_ms` (below 0: for ever). `layout` is VITREO_LAYOUT. The number of the driver is written to `driver`; only this
-/// thread can use it.
+/// `wait_ms` (below 0: for ever). A channel has one driver: VITREO_TAKEN where another one sends it. `layout` is
+/// VITREO_LAYOUT. The number of the driver is written to `driver`; only this thread can use it.
 ///
 /// # Safety
 /// `instance` and `name` are NULL or texts that end with a zero; `driver` is NULL or can be written.

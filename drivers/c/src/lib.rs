@@ -12,3 +12,4 @@ pub mod ffi;
 mod heart;
 pub mod layout;
 pub mod roles;
+mod seats;

@@ -14,11 +14,43 @@ pub fn is_recording(path: &Path) -> bool {
     path.extension().is_some_and(|e| e == "mcap") && PixelsReader::open(path, None).is_ok()
 }
 
+/// Number of the frame that a field belongs to: fields 2k and 2k + 1 make frame k.
+pub fn frame_of(header: &FieldHeader) -> u64 {
+    if header.parity == WHOLE_FRAME { header.field } else { header.field / 2 }
+}
+
+/// Fields of one camera in their order, of which two make a frame where it is interlaced.
+#[derive(Default)]
+pub struct Frames {
+    /// A field whose frame lacks the other one so far.
+    first: Option<(FieldHeader, Picture)>,
+}
+
+impl Frames {
+    /// Takes the next field. Where it ends a frame, that replaces the picture, and its number is returned; the same for
+    /// all cameras. A frame of which a field is missing is left out.
+    pub fn take(&mut self, header: &FieldHeader, picture: &mut Picture) -> Option<u64> {
+        let number = frame_of(header);
+        if header.parity == WHOLE_FRAME {
+            return Some(number);
+        }
+        match self.first.take() {
+            Some((first, other)) if frame_of(&first) == number && first.parity != header.parity => {
+                *picture = woven(&other, picture, first.parity == 0);
+                Some(number)
+            }
+            _ => {
+                self.first = Some((*header, picture.clone()));
+                None
+            }
+        }
+    }
+}
+
 /// The frames of a camera.
 pub struct WholePictures {
     recorded: Recorded,
-    /// A field whose frame lacks the other one so far.
-    first: Option<(FieldHeader, Picture)>,
+    fields: Frames,
     frames: u64,
 }
 
@@ -31,7 +63,7 @@ impl WholePictures {
         let cameras = Recorded::head(path)?.cameras;
         let name = path.display();
         ensure!(cameras.contains(&camera), "{name}: has no camera {camera}; its cameras are {cameras:?}");
-        Ok(WholePictures { recorded: Recorded::open(path, camera)?, first: None, frames: 0 })
+        Ok(WholePictures { recorded: Recorded::open(path, camera)?, fields: Frames::default(), frames: 0 })
     }
 
     /// Reads the next frame and returns its number, which is the same for all cameras; `None` at the end. Interlaced
@@ -42,19 +74,9 @@ impl WholePictures {
     pub fn read(&mut self, into: &mut Picture) -> Result<Option<u64>> {
         while self.recorded.read(into)? {
             let Some(header) = self.recorded.header else { continue };
-            if header.parity == WHOLE_FRAME {
+            if let Some(number) = self.fields.take(&header, into) {
                 self.frames += 1;
-                return Ok(Some(header.field));
-            }
-            // Fields 2k and 2k + 1 make frame k.
-            let frame = header.field / 2;
-            match self.first.take() {
-                Some((first, picture)) if first.field / 2 == frame && first.parity != header.parity => {
-                    *into = woven(&picture, into, first.parity == 0);
-                    self.frames += 1;
-                    return Ok(Some(frame));
-                }
-                _ => self.first = Some((header, into.clone())),
+                return Ok(Some(number));
             }
         }
         let (file, camera) = (self.recorded.file(), self.recorded.camera());
@@ -93,8 +115,13 @@ mod tests {
 
     /// Fields with these numbers, of which every line has its number in the frame as luma.
     fn written(path: &Path, numbers: &[u64]) {
-        let head =
-            PixelsHead { rig_json: "{}".into(), cameras: vec![3], field_hz: 50.0, realtime_offset_ns: 0 };
+        let head = PixelsHead {
+            rig_json: "{}".into(),
+            cameras: vec![3],
+            field_hz: 50.0,
+            realtime_offset_ns: 0,
+            sources: Vec::new(),
+        };
         let mut writer = PixelsWriter::on(File::create(path).unwrap(), path, &head).unwrap();
         for &field in numbers {
             let parity = (field % 2) as u32;

@@ -59,7 +59,7 @@ pub use parts::{
     Limit, MOST_PARTS, PartFiles, PartInfo, PartOf, PartsWriter, files_of, part_file, parts_of, split_name,
     whole_of,
 };
-pub use pixels::{PIXELS_PROFILE, PixelsHead, PixelsReader, PixelsWriter};
+pub use pixels::{CameraSettings, PIXELS_PROFILE, PixelsHead, PixelsReader, PixelsWriter};
 pub use read::{Recording, states_incomparable};
 pub use tracker_version::{TRACKER_DIGESTS, TRACKER_VERSION};
 pub use viewer_messages::TOPICS as VIEWER_TOPICS;

@@ -5,6 +5,10 @@
 //! loss. A schema in the file says so (`vitreo.FieldPixels`, protobuf). Chunks are written whole and carry a CRC, so a
 //! file whose writer was killed is readable up to its last chunk.
 
+mod settings;
+
+pub use settings::CameraSettings;
+
 use super::checksum;
 use super::descriptors;
 use super::protobuf::{Fields, Value, put_bytes, put_uint};
@@ -26,6 +30,8 @@ pub const PIXELS_PROFILE: &str = "vitreo-pixels";
 const FORMAT: &str = "vitreo-pixels-1";
 /// Name of the metadata record.
 const METADATA: &str = "vitreo-pixels";
+/// Key of a camera's source in it, before the camera's id.
+const SOURCE: &str = "source-";
 /// Name of the message.
 pub(super) const MESSAGE: &str = "FieldPixels";
 /// Number of the compressed samples among its fields; those of the header come first.
@@ -61,6 +67,9 @@ pub struct PixelsHead {
     pub field_hz: f64,
     /// CLOCK_REALTIME less CLOCK_MONOTONIC at the start, ns, wrapping.
     pub realtime_offset_ns: u64,
+    /// Where their pictures came from, as `--cameras` took it, with the settings that were asked for; in the order of
+    /// `cameras`. Files of earlier versions have none.
+    pub sources: Vec<String>,
 }
 
 /// Writes a recording of pixels.
@@ -156,7 +165,9 @@ fn pairs(head: &PixelsHead) -> BTreeMap<String, String> {
         ("field-hz", head.field_hz.to_string()),
         (REALTIME_OFFSET, head.realtime_offset_ns.to_string()),
     ];
-    pairs.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+    let sources = head.cameras.iter().zip(&head.sources);
+    let sources = sources.map(|(camera, source)| (format!("{SOURCE}{camera}"), source.clone()));
+    pairs.into_iter().map(|(key, value)| (key.to_owned(), value)).chain(sources).collect()
 }
 
 fn head_of(pairs: &BTreeMap<String, String>) -> Result<PixelsHead, String> {
@@ -170,12 +181,15 @@ fn head_of(pairs: &BTreeMap<String, String>) -> Result<PixelsHead, String> {
         return Err("its head does not agree with its checksum".into());
     }
     let cameras: Result<Vec<u32>, _> = of("cameras")?.split(',').map(str::parse).collect();
+    let cameras = cameras.map_err(|_| odd("cameras"))?;
+    let source = |camera: &u32| pairs.get(&format!("{SOURCE}{camera}")).cloned();
     let field_hz = of("field-hz")?.parse().ok().filter(|hz: &f64| hz.is_finite() && *hz > 0.0);
     Ok(PixelsHead {
         rig_json: of("rig")?.clone(),
-        cameras: cameras.map_err(|_| odd("cameras"))?,
         field_hz: field_hz.ok_or_else(|| odd("field-hz"))?,
         realtime_offset_ns: of(REALTIME_OFFSET)?.parse().map_err(|_| odd(REALTIME_OFFSET))?,
+        sources: cameras.iter().map_while(source).collect(),
+        cameras,
     })
 }
 
@@ -192,6 +206,8 @@ pub struct PixelsReader {
     is_over: bool,
     /// The file is not whole: its writer was killed, or is still writing.
     pub is_cut: bool,
+    /// What its cameras were set to, as far as it was read.
+    pub settings: CameraSettings,
 }
 
 impl PixelsReader {
@@ -229,6 +245,7 @@ impl PixelsReader {
                         waiting: VecDeque::new(),
                         is_over: false,
                         is_cut: false,
+                        settings: CameraSettings::new(),
                     });
                 }
                 _ => return Err(foreign("it does not begin with the head of a recording of pixels".into())),
@@ -262,6 +279,7 @@ impl PixelsReader {
             let Some(record) = record else { break };
             match record.opcode {
                 op::DATA_END => self.is_over = true,
+                op::METADATA => settings::take(record.opcode, &record.body, &mut self.settings),
                 op::CHUNK => {
                     let records =
                         chunk_records(&record.body).map_err(|e| self.records.damaged(record.offset, e))?;

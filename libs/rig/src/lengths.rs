@@ -117,7 +117,16 @@ impl RigBody {
             (None, true) => Some((key(of), range.1, "nothing".into())),
             (None, false) => None,
         });
-        of_markers.or(of_lengths)
+        of_markers.or(of_lengths).or_else(|| self.defect_of_shaft())
+    }
+
+    /// A marker of an instrument stands on its shaft: cameras see none on the handle, outside of the eye.
+    fn defect_of_shaft(&self) -> Option<Defect> {
+        let length = self.length?;
+        let (i, marker) = self.markers.iter().enumerate().find(|(_, m)| m.p[2] > length)?;
+        let found = format!("z {}, beyond the handle: the length of {} is {length}", marker.p[2], self.name);
+        let key = format!("bodies.{}.markers[{i}].p", self.name);
+        Some((key, "a place on the shaft, mm: z from the tip to at most the body's length", found))
     }
 }
 
@@ -163,6 +172,9 @@ mod tests {
             }
         }
         assert_eq!(refused(|r| r.bodies[0].markers[1].p[2] = -1e3).0, "bodies.inst0.markers[1].p");
+        let (field, told) = refused(|r| r.bodies[1].markers[2].p[2] = 61.0);
+        assert!(field == "bodies.inst1.markers[2].p" && told.contains("beyond the handle"), "{field} {told}");
+        assert!(told.ends_with("the length of inst1 is 60"), "{told}");
         assert_eq!(refused(|r| r.trocars[1].p_eye[2] *= 1e3).0, "trocars[1].p_eye");
         assert_eq!(refused(|r| r.eye_opening.z = 100.0).0, "eye_opening.z");
     }

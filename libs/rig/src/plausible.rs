@@ -23,6 +23,10 @@ const SIZES_PX: [[u32; 2]; 2] = [[16, 1920], [16, 1200]];
 const FOCAL_WIDTHS: [f64; 2] = [0.2, 100.0];
 /// Where a lens may move a point of the picture to, in widths of the picture.
 const BENT_WIDTHS: f64 = 0.5;
+/// Steps from the middle of the picture to its border, in each of which a lens must not fold it.
+const STEPS: u32 = 256;
+/// So much farther than a straight lens has the border, a barrel's may be.
+const BARREL: f64 = 4.0;
 /// Height of a pixel over its width, and its inverse, at most. Lines of PAL cameras give 1.09.
 const PIXEL_RATIO: f64 = 4.0;
 
@@ -172,23 +176,52 @@ impl RigCamera {
             return Some(("cx, cy", "px, within the picture", format!("{centre:?}")));
         }
         let bent_px = self.bent_px();
-        (bent_px > BENT_WIDTHS * width).then(|| {
+        if bent_px > BENT_WIDTHS * width {
             let expected = "k1, k2, p1, p2, k3 that move no point of the picture by more than half its width";
-            ("dist", expected, format!("{:?}, which move one by {bent_px:.0} px", self.dist))
-        })
+            return Some(("dist", expected, format!("{:?}, which move one by {bent_px:.0} px", self.dist)));
+        }
+        let [x, y] = self.fold()?;
+        let expected = "k1, k2, p1, p2, k3 of a lens that does not fold the picture";
+        let found = format!("{:?}, which show two directions at one pixel near ({x:.0}, {y:.0})", self.dist);
+        Some(("dist", expected, found))
+    }
+
+    /// Corners and middles of the sides of the picture, px.
+    fn border(&self) -> impl Iterator<Item = Vector2<f64>> {
+        let size = [self.width, self.height].map(f64::from);
+        let places = || [0.0, 0.5, 1.0].into_iter();
+        places().flat_map(move |x| places().map(move |y| Vector2::new(x * size[0], y * size[1])))
+    }
+
+    /// Where in the picture the lens turns back, px: outwards from there, directions are shown a second time.
+    fn fold(&self) -> Option<[f64; 2]> {
+        let (camera, size) = (self.model(), [self.width, self.height].map(f64::from));
+        let first = |pixel: Vector2<f64>| {
+            let border = (pixel - camera.centre_px).component_div(&camera.focal_px);
+            for step in 1..=STEPS {
+                let (bent, slope) = camera.distort(border * (BARREL * f64::from(step) / f64::from(STEPS)));
+                let at = camera.focal_px.component_mul(&bent) + camera.centre_px;
+                if !(0..2).all(|a| (0.0..=size[a]).contains(&at[a])) {
+                    return None;
+                }
+                if slope.determinant() <= 0.0 {
+                    return Some([at.x, at.y]);
+                }
+            }
+            None
+        };
+        self.border().find_map(first)
     }
 
     /// How far the distortion moves a corner or the middle of a side of the picture, px.
     fn bent_px(&self) -> f64 {
-        let (camera, size) = (self.model(), [self.width, self.height].map(f64::from));
-        let places = || [0.0, 0.5, 1.0].into_iter();
-        let points = places().flat_map(|x| places().map(move |y| Vector2::new(x * size[0], y * size[1])));
+        let camera = self.model();
         let moved = |pixel: Vector2<f64>| {
             let straight = (pixel - camera.centre_px).component_div(&camera.focal_px);
             (camera.pixel_from_normalised(straight) - pixel).norm()
         };
         // Numbers beyond what can be added up are far away, too.
-        points.map(moved).fold(0.0, |most, px| if px.is_nan() { f64::INFINITY } else { px.max(most) })
+        self.border().map(moved).fold(0.0, |most, px| if px.is_nan() { f64::INFINITY } else { px.max(most) })
     }
 }
 
@@ -320,5 +353,11 @@ mod tests {
             let bent = refused(|r| r.cameras[1].dist[term] = value);
             assert!(bent.starts_with("cameras[1].dist: k1, k2, p1, p2, k3"), "{term}: {bent}");
         }
+        // Moves no corner by half a width, but is at its farthest within the picture.
+        let folded = refused(|r| r.cameras[1].dist = [-5.0, 0.0, 0.0, 0.0, 0.0]);
+        assert!(
+            folded.contains("does not fold the picture, [-5.0, 0.0, 0.0, 0.0, 0.0], which show two"),
+            "{folded}"
+        );
     }
 }

@@ -72,8 +72,13 @@ fn drawn(camera: &Camera, board: &GrayImage, place: &Isometry3<f64>) -> GrayImag
 /// Draws all views as files and as a recording of the cameras 4 and 7; returns the files of both cameras.
 fn write(folder: &Path, board: &GrayImage) -> [Vec<String>; 2] {
     let path = folder.join("boards.mcap");
-    let head =
-        PixelsHead { rig_json: "{}".into(), cameras: vec![4, 7], field_hz: 25.0, realtime_offset_ns: 0 };
+    let head = PixelsHead {
+        rig_json: "{}".into(),
+        cameras: vec![4, 7],
+        field_hz: 25.0,
+        realtime_offset_ns: 0,
+        sources: Vec::new(),
+    };
     let mut writer = PixelsWriter::on(File::create(&path).unwrap(), &path, &head).unwrap();
     let mut files = [Vec::new(), Vec::new()];
     for view in 0..VIEWS {

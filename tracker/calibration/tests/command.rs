@@ -81,8 +81,13 @@ fn pictures_of_two_cameras_become_a_rig_with_residual_pictures() {
 
 /// The same pictures as a recording of the cameras 4 and 7, one every 25 numbers.
 fn recorded(path: &Path, numbers: &[u32]) {
-    let head =
-        PixelsHead { rig_json: "{}".into(), cameras: vec![4, 7], field_hz: 25.0, realtime_offset_ns: 0 };
+    let head = PixelsHead {
+        rig_json: "{}".into(),
+        cameras: vec![4, 7],
+        field_hz: 25.0,
+        realtime_offset_ns: 0,
+        sources: Vec::new(),
+    };
     let mut writer = PixelsWriter::on(File::create(path).unwrap(), path, &head).unwrap();
     for (i, number) in (0..).zip(numbers) {
         for (camera, side) in [(4, "left"), (7, "right")] {

@@ -31,7 +31,7 @@ fn refused(line: &str) -> String {
 }
 
 fn begin(path: &Path, rig_json: String, cameras: Vec<u32>, field_hz: f64) -> PixelsWriter {
-    let head = PixelsHead { rig_json, cameras, field_hz, realtime_offset_ns: 0 };
+    let head = PixelsHead { rig_json, cameras, field_hz, realtime_offset_ns: 0, sources: Vec::new() };
     PixelsWriter::on(File::create(path).unwrap(), path, &head).unwrap()
 }
 

@@ -4,8 +4,7 @@ use super::CamerasArgs;
 use super::clips::{CLIPS, Clips};
 use super::pixels::Pixels;
 use super::watch::Watch;
-use crate::process::feed::{Feed, Field};
-use crate::timing::Clock;
+use crate::process::capture::Capture;
 use anyhow::{Context, Result, bail, ensure};
 use bytemuck::Zeroable;
 use fpga_model::camera_extractor::CameraExtractor;
@@ -43,6 +42,9 @@ const SEED: u64 = 1;
 /// What one camera shows.
 struct Look {
     name: String,
+    /// Id of the camera in the rig, and its source as it was given.
+    camera: u32,
+    source: String,
     extractor: CameraExtractor,
     planes: FieldPicture,
     /// From field to field as the rig says, ns.
@@ -64,7 +66,8 @@ enum Fields {
 impl Fields {
     fn begin(to: &Path, looks: &[Look], rig: &Rig, outputs: &mut Outputs) -> Result<Self> {
         if to.extension().is_some_and(|ending| ending == "mcap") {
-            return Ok(Fields::Pixels(Box::new(Pixels::begin(to, looks.len(), rig, outputs)?)));
+            let sources = looks.iter().map(|look| look.source.clone()).collect();
+            return Ok(Fields::Pixels(Box::new(Pixels::begin(to, sources, rig, outputs)?)));
         }
         outputs.claim_folder(to, CLIPS)?;
         Clips::begin(to, looks.iter().map(Look::hz), outputs).map(Fields::Clips)
@@ -97,6 +100,14 @@ impl Kept {
         self.snapshot || self.fields.is_some()
     }
 
+    /// Keeps what a camera was set to.
+    fn set(&mut self, look: &Look, settings: &str) -> Result<()> {
+        match &mut self.fields {
+            Some(Fields::Pixels(pixels)) => pixels.set(look.camera, settings),
+            _ => Ok(()),
+        }
+    }
+
     /// Keeps a field of camera `i`.
     fn take(&mut self, i: usize, look: &mut Look, header: &FieldHeader, picture: Picture) -> Result<()> {
         match &mut self.fields {
@@ -113,8 +124,8 @@ impl Kept {
 
 /// Where the pictures come from.
 enum Source {
-    /// A feed of each camera, and its clock once it has begun.
-    Feeds(Vec<(Feed, Option<Clock>)>),
+    /// Sources that are read.
+    Feeds(Capture),
     /// Those that vitreo invents, with the number of each camera's next field.
     Virtual { cameras: Box<Virtual>, surgeon: Box<MotionSource>, numbers: Vec<u64>, start_ns: Nanos },
 }
@@ -186,14 +197,8 @@ impl Source {
                 Ok(Source::Virtual { numbers: vec![0; cameras.len()], cameras, surgeon, start_ns: now() })
             }
             Cameras::Streams(streams) => {
-                let cameras = rig.cameras();
-                let streams = streams.spread(cameras.len());
-                let (expected, found) = (cameras.len(), streams.len());
-                ensure!(found <= expected, "expected at most the rig's {expected} cameras, found {found}");
-                let feed = |(camera, stream)| {
-                    anyhow::Ok((Feed::start(rig, camera, stream, bell.rope(), stop, now())?, None))
-                };
-                Ok(Source::Feeds(cameras.iter().zip(&streams).map(feed).collect::<Result<_>>()?))
+                let streams = streams.spread(rig.cameras.len());
+                Ok(Source::Feeds(Capture::start(rig, &streams, bell, stop)?))
             }
         }
     }
@@ -201,18 +206,16 @@ impl Source {
     /// Takes what has come.
     fn take(&mut self, looks: &mut [Look], at: Nanos, kept: &mut Kept) -> Result<()> {
         match self {
-            Source::Feeds(feeds) => {
-                listen(feeds, at, kept.fields.is_some())?;
-                for (i, ((feed, clock), look)) in feeds.iter_mut().zip(looks).enumerate() {
-                    let Some(clock) = clock else { continue };
-                    feed.publish(clock, u64::MAX, at, |field: &Field<'_>| {
-                        let mut payload = vec![0; field.header.bytes()];
-                        field.write(&mut payload);
-                        look.note(&field.header, &payload, at);
-                        if kept.any() { kept.take(i, look, &field.header, field.whole()) } else { Ok(()) }
-                    })?;
-                }
-                Ok(())
+            Source::Feeds(capture) => {
+                capture.listen(at, kept.fields.is_some())?;
+                capture.publish(at, |i, settings, field| {
+                    let look = &mut looks[i];
+                    let mut payload = vec![0; field.header.bytes()];
+                    field.write(&mut payload);
+                    look.note(&field.header, &payload, at);
+                    kept.set(look, settings)?;
+                    if kept.any() { kept.take(i, look, &field.header, field.whole()) } else { Ok(()) }
+                })
             }
             Source::Virtual { cameras, surgeon, numbers, start_ns } => {
                 for (i, (look, number)) in looks.iter_mut().zip(numbers).enumerate() {
@@ -236,7 +239,7 @@ impl Source {
     }
 
     fn is_over(&self) -> bool {
-        matches!(self, Source::Feeds(feeds) if feeds.iter().all(|(feed, _)| feed.is_over()))
+        matches!(self, Source::Feeds(capture) if capture.is_over())
     }
 
     /// A line for each camera.
@@ -244,8 +247,8 @@ impl Source {
         let line = |(i, look): (usize, &mut Look)| {
             let (lost, trouble) = match self {
                 Source::Virtual { .. } => (0, None),
-                Source::Feeds(feeds) => {
-                    let (feed, clock) = &feeds[i];
+                Source::Feeds(capture) => {
+                    let (feed, clock) = &capture.feeds[i];
                     let lost = feed.tally.lost + feed.tally.late + feed.tally.surplus;
                     (lost, feed.trouble(clock.is_some(), at))
                 }
@@ -268,6 +271,8 @@ fn looks(rig: &Rig, cameras: &Cameras, colours: &ColourFile) -> Result<Vec<Look>
         let sensor = rig.sensor(camera.id);
         Ok(Look {
             name: format!("camera {} ({source})", camera.id),
+            camera: camera.id,
+            source,
             extractor: CameraExtractor::finding(rig, camera, colours)?,
             planes: FieldPicture::of_size(sensor.field_size()?),
             period_ns: sensor.period_ns,
@@ -278,27 +283,6 @@ fn looks(rig: &Rig, cameras: &Cameras, colours: &ColourFile) -> Result<Vec<Look>
         })
     };
     all.iter().zip(names).map(look).collect()
-}
-
-/// Hears of the sources, and begins those that have brought their first picture: each by itself, or all
-/// `together`, so that fields of one number are of one instant.
-fn listen(feeds: &mut [(Feed, Option<Clock>)], at: Nanos, together: bool) -> Result<()> {
-    for (feed, clock) in &mut *feeds {
-        feed.listen(at);
-        if clock.is_none() && together {
-            feed.renew(at);
-        }
-        if let Some(why) = feed.defect() {
-            bail!("{} {why}", feed.source);
-        }
-    }
-    let all: Option<Vec<Nanos>> = feeds.iter().map(|(feed, _)| feed.first_ready(at)).collect();
-    let common = all.and_then(|all| all.into_iter().max());
-    for (feed, clock) in feeds.iter_mut().filter(|(_, clock)| clock.is_none()) {
-        let start_ns = if together { common } else { feed.first_ready(at) };
-        *clock = start_ns.map(|start_ns| feed.own_clock(start_ns));
-    }
-    Ok(())
 }
 
 impl Look {

@@ -1,5 +1,9 @@
 //! One camera: what its reader has brought, which numbers its fields have, and how it stands.
 
+mod field;
+
+pub(crate) use field::Field;
+
 use super::line::Line;
 use super::live::LiveReader;
 use super::reader::{Pictured, Reader, Told};
@@ -15,7 +19,7 @@ use fpga_model::input::Picture;
 use ipc::BellRope;
 use protocol::condition::ProblemKind;
 use protocol::deliveries::Delivery;
-use protocol::fields::{FORMAT_YCBCR_422, FieldHeader, FieldPicture};
+use protocol::fields::{FORMAT_YCBCR_422, FieldHeader};
 use protocol::time::Nanos;
 use rig::Rig;
 use rig::camera::Camera;
@@ -42,14 +46,6 @@ const IN_TIME_AFTER: u32 = 25;
 #[cfg(not(feature = "genicam"))]
 pub(crate) const NO_GENICAM: &str = "this vitreo was built without support for GenICam cameras. With aravis installed (Debian: \
     libaravis-dev, libusb-1.0-0-dev), build it by: cargo build --release --features cameras/genicam (docs/cameras.md)";
-
-/// A field that is to be published.
-pub(crate) struct Field<'a> {
-    pub(crate) header: FieldHeader,
-    picture: &'a Picture,
-    /// First line and step in the picture.
-    lines: [usize; 2],
-}
 
 /// A picture whose fields are not all published.
 struct Held {
@@ -233,6 +229,11 @@ impl Feed {
         self.sensor.of_rig.camera
     }
 
+    /// What its camera was set to, in words; empty where nothing was asked for.
+    pub(crate) fn settings(&self) -> &str {
+        &self.settings
+    }
+
     /// Takes in what the reader has brought, up to a picture that waits for its instant.
     pub(crate) fn listen(&mut self, now: Nanos) {
         while self.held.is_none() {
@@ -373,6 +374,11 @@ impl Feed {
         self.over.is_some() && self.held.is_none()
     }
 
+    /// True of a pipe that its writer has closed, with nothing left of it.
+    pub(crate) fn is_closed_pipe(&self) -> bool {
+        self.is_closed && self.held.is_none() && !self.is_device
+    }
+
     /// Why a file cannot be used, if that is so.
     pub(crate) fn defect(&self) -> Option<&str> {
         self.over.as_ref()?.as_deref()
@@ -459,32 +465,5 @@ impl Held {
     fn read_out(&self, period_ns: u64) -> Option<Nanos> {
         let further = (self.pictured.parts.all().len() - 1 - self.taken) as u64;
         self.pictured.taken.map(|taken| taken.read_out_ns.saturating_sub(further * period_ns))
-    }
-}
-
-impl Field<'_> {
-    /// All lines of the field, as a picture.
-    pub(crate) fn whole(&self) -> Picture {
-        let height = self.header.height as usize;
-        let mut whole = Picture { width: self.picture.width, height, ..Picture::default() };
-        for y in 0..height {
-            let (luma, blue, red) = self.picture.line(self.lines[0] + y * self.lines[1]);
-            whole.luma.extend_from_slice(luma);
-            whole.blue.extend_from_slice(blue);
-            whole.red.extend_from_slice(red);
-        }
-        whole
-    }
-
-    /// Writes the pixels into a payload.
-    pub(crate) fn write(&self, payload: &mut [u8]) {
-        let to = FieldPicture::in_payload_mut(&self.header, payload);
-        let (width, chroma, [first, step]) = (to.width, to.width / 2, self.lines);
-        for y in 0..to.height {
-            let (luma, blue, red) = self.picture.line(first + y * step);
-            to.luma[y * width..][..width].copy_from_slice(&luma[..width]);
-            to.blue[y * chroma..][..chroma].copy_from_slice(&blue[..chroma]);
-            to.red[y * chroma..][..chroma].copy_from_slice(&red[..chroma]);
-        }
     }
 }

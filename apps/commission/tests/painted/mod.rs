@@ -231,6 +231,7 @@ pub fn record_pixels(path: &Path, rig: &Rig, seconds: f64) {
         cameras: rig.cameras.iter().map(|c| c.id).collect(),
         field_hz: rig.field_hz,
         realtime_offset_ns: 0,
+        sources: Vec::new(),
     };
     let mut writer = PixelsWriter::on(File::create(path).unwrap(), path, &head).unwrap();
     for number in 1..(seconds * rig.field_hz) as u64 {

@@ -61,7 +61,7 @@ impl Subscriber {
         let _ = ready.send(());
         while !self.stop.load(Ordering::Relaxed) && !self.tally.is_full() {
             wait(&[&poses], LOOK_NS);
-            while let Some(frame) = poses.next_valid()? {
+            while let Some(frame) = poses.next_sample()? {
                 let read_ns = now();
                 if let Some(credits) = &self.credits {
                     let _ = credits.send(());

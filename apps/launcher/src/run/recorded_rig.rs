@@ -140,6 +140,7 @@ mod tests {
             cameras: vec![0, 1, 2],
             field_hz: 50.0,
             realtime_offset_ns: 0,
+            sources: Vec::new(),
         };
         PixelsWriter::on(File::create(&path).unwrap(), &path, &head).unwrap().finish().unwrap();
         let (with, held) = args.with_rig_of_recording().unwrap();

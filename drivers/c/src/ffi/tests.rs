@@ -296,3 +296,22 @@ fn a_driver_is_a_process_of_the_run_and_obeys_it() {
     );
     assert_eq!(vitreo_close(driver), 0);
 }
+
+#[test]
+fn a_channel_takes_one_driver_at_a_time() {
+    let (_run, name) = run("seat");
+    let (code, first) = open(&name, SENDS_BLOBS | SENDS_PEDAL);
+    assert_eq!(code, 0, "{}", words());
+    for roles in [SENDS_PEDAL, SENDS_HANDLES | SENDS_BLOBS] {
+        assert_eq!(open(&name, roles).0, Code::Taken as i32);
+        assert!(words().contains("the driver 'test' (process"), "{}", words());
+    }
+    // What the refused one had taken is free again, and who only reads takes nothing.
+    let others = [SENDS_HANDLES, READS_POSES, READS_POSES].map(|roles| open(&name, roles));
+    assert!(others.iter().all(|(code, _)| *code == 0), "{others:?}: {}", words());
+    assert_eq!(vitreo_close(first), 0);
+    let (code, second) = open(&name, SENDS_BLOBS);
+    assert_eq!(code, 0, "{}", words());
+    others.iter().for_each(|(_, driver)| assert_eq!(vitreo_close(*driver), 0));
+    assert_eq!(vitreo_close(second), 0);
+}

@@ -5,7 +5,13 @@ use proptest::prelude::*;
 use protocol::fields::FORMAT_YCBCR_422;
 
 fn head() -> PixelsHead {
-    PixelsHead { rig_json: "{}".into(), cameras: vec![0, 2], field_hz: 50.0, realtime_offset_ns: 77 }
+    PixelsHead {
+        rig_json: "{}".into(),
+        cameras: vec![0, 2],
+        field_hz: 50.0,
+        realtime_offset_ns: 77,
+        sources: Vec::new(),
+    }
 }
 
 fn field(number: u64, camera: u32, noise: u8) -> (FieldHeader, Vec<u8>) {
@@ -154,4 +160,30 @@ proptest! {
         let (all, _, ended) = read(&path, None);
         prop_assert!(ended.is_err() || all == fields || all.is_empty());
     }
+}
+
+#[test]
+fn what_cameras_were_set_to_is_kept_also_in_a_file_that_was_cut() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let sources = vec!["v4l2:/dev/video0?exposure_us=2000".to_owned(), "y4m:a,b".to_owned()];
+    let head = PixelsHead { sources, ..head() };
+    let mut writer = PixelsWriter::on(File::create(&path).unwrap(), &path, &head).unwrap();
+    for (number, settings) in [(0, "exposure 2000 µs"), (1, "exposure 2000 µs"), (2, "gain 4")] {
+        writer.write_settings(2, settings).unwrap();
+        let (header, samples) = field(number, 2, 3);
+        writer.write(&header, &samples).unwrap();
+    }
+    writer.finish().unwrap();
+    let settings = |path: &Path| {
+        let (mut reader, mut samples) = (PixelsReader::open(path, None).unwrap(), Vec::new());
+        assert_eq!(reader.head, head);
+        while reader.next(&mut samples).unwrap().is_some() {}
+        reader.settings
+    };
+    assert_eq!(settings(&path), BTreeMap::from([(2, vec!["exposure 2000 µs".into(), "gain 4".into()])]));
+    let whole = std::fs::read(&path).unwrap();
+    let last = whole.windows(6).rposition(|w| w == b"gain 4").unwrap();
+    std::fs::write(&path, &whole[..last]).unwrap();
+    assert_eq!(settings(&path), BTreeMap::from([(2, vec!["exposure 2000 µs".into()])]));
 }

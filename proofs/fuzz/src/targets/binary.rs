@@ -105,7 +105,13 @@ fn pixels(bytes: &[u8]) {
 
 /// Two fields of one camera, in planes and behind a mosaic.
 fn pixel_recordings() -> Vec<Vec<u8>> {
-    let head = PixelsHead { rig_json: "{}".into(), cameras: vec![0], field_hz: 50.0, realtime_offset_ns: 7 };
+    let head = PixelsHead {
+        rig_json: "{}".into(),
+        cameras: vec![0],
+        field_hz: 50.0,
+        realtime_offset_ns: 7,
+        sources: Vec::new(),
+    };
     let made = |format: PixelFormat| {
         let file = tempfile::NamedTempFile::new().expect("a file");
         let target = file.reopen().expect("a file");

@@ -34,7 +34,8 @@ fn blobs_of_a_recording_are_those_of_clips() {
     let rig = Rig::load_or_shipped(None).unwrap();
     let (count, mut outputs) = (rig.cameras().len(), Outputs::new(false));
     let path = |name: &str| folder.path().join(name);
-    let mut packed = Pixels::begin(&path("a.mcap"), count, &rig, &mut outputs).unwrap();
+    let mut packed =
+        Pixels::begin(&path("a.mcap"), vec!["virtual".into(); count], &rig, &mut outputs).unwrap();
     assert!(!path("a.mcap").exists(), "it has its name with its first field");
     let mut clips =
         Clips::begin(folder.path(), std::iter::repeat_n(rig.field_hz, count), &mut outputs).unwrap();
