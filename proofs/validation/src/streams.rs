@@ -137,6 +137,8 @@ struct Sighting {
     camera: u32,
     /// Sets of markers, by body.
     markers: [u32; BODIES],
+    /// Markers of each blob that is of more than one.
+    merged: Vec<Vec<imaging::Part>>,
 }
 
 /// Margin about an instant, s: fields count as of it if their exposures lie at most a period of the slowest camera and
@@ -300,8 +302,9 @@ impl Recipe {
                 let early_s = if with_first { period * 1e-9 } else { 0.0 };
                 let scene =
                     imaging::Scene { motion: &motion, t_s: t_s - early_s, row_s: sensor.row_ns() * 1e-9 };
-                let markers = imaging::see(rig, &seen_by, &scene, &mut seen, &mut random);
-                sightings.push(Sighting { exposed_s: t_s, camera: camera.id, markers });
+                let imaging::Seen { markers, merged } =
+                    imaging::see(rig, &seen_by, &scene, &mut seen, &mut random);
+                sightings.push(Sighting { exposed_s: t_s, camera: camera.id, markers, merged });
                 if hard {
                     false_blobs(&mut seen, camera, &mut random);
                 }

@@ -8,11 +8,13 @@
 //! image, HᵀJᵀR⁻¹JH, J the derivative of the pixel by tip, trocar and roll at the truth (Tichavský, Muravchik
 //! and Nehorai 1998). The bound of the tip at t is trace(B(t) Λ⁻¹ B(t)ᵀ), B the cosines and sines of the tip.
 //!
-//! The eye is taken as known, and a marker that is partly hidden as if it were seen whole: both leave the bound
-//! lower than it is.
+//! Markers that touch are one blob: it shows the mean of their centres, weighted by area, and nothing of each alone.
+//!
+//! The eye is taken as known, and so is the other instrument where its marker touches one of this; a marker that is
+//! partly hidden is taken as if it were seen whole. All leave the bound lower than it is.
 
 use super::Stream;
-use super::imaging::NOISE_PX;
+use super::imaging::{NOISE_PX, Part};
 use super::motion::{Held, Spectrum};
 use nalgebra::{DMatrix, DVector, Matrix2, Point3, SMatrix, Vector2, Vector3};
 use protocol::poses::BODY_NAMES;
@@ -112,8 +114,15 @@ impl<'a> TipBound<'a> {
                 continue;
             };
             let held = self.stream.motion.held(self.instrument, sighting.exposed_s);
-            let seen = self.markers.iter().enumerate().filter(|(n, _)| set & (1 << n) != 0);
-            let information = seen.map(|(_, marker)| information(camera, &held, marker)).sum::<Information>();
+            let mut alone = set;
+            let mut information = Information::zeros();
+            for parts in &sighting.merged {
+                let own = || parts.iter().filter(|part| part.body == self.instrument);
+                own().for_each(|part| alone &= !(1 << part.marker));
+                information += self.of_merged(camera, &held, parts.iter().map(|p| p.area_px).sum(), own());
+            }
+            let seen = self.markers.iter().enumerate().filter(|(n, _)| alone & (1 << n) != 0);
+            information += seen.map(|(_, marker)| of_whole(camera, &held, marker)).sum::<Information>();
             // A square root of it, so that the whole is a product of one matrix with itself.
             let eigen = information.symmetric_eigen();
             let root = SMatrix::from_diagonal(&eigen.eigenvalues.map(|v| libm::sqrt(v.max(0.0))))
@@ -122,6 +131,19 @@ impl<'a> TipBound<'a> {
         }
         let rows = DMatrix::from_vec(weights, rows.len() / weights, rows);
         self.information.gemm(1.0, &rows, &rows.transpose(), 1.0);
+    }
+
+    /// What a blob of so large an area says of the unknowns, of which these parts are markers of the instrument.
+    fn of_merged<'p>(
+        &self,
+        camera: &Camera,
+        held: &Held,
+        area_px: f64,
+        own: impl Iterator<Item = &'p Part>,
+    ) -> Information {
+        let of_part =
+            |part: &Part| jacobian(camera, held, &self.markers[part.marker]) * (part.area_px / area_px);
+        information(&own.map(of_part).sum(), area_px)
     }
 
     /// The unknowns at an instant as a linear map of the weights.
@@ -146,8 +168,21 @@ fn grid(spectrum: &Spectrum, duration_s: f64) -> impl Iterator<Item = [f64; 2]> 
     (0..count as usize).map(move |n| [TAU * (low + (high - low) * (n as f64 + 0.5) / count), sigma])
 }
 
-/// What the image of a marker says of the unknowns.
-fn information(camera: &Camera, held: &Held, marker: &RigMarker) -> Information {
+/// What the image of a marker that is seen whole says of the unknowns.
+fn of_whole(camera: &Camera, held: &Held, marker: &RigMarker) -> Information {
+    let at = held.pose().0 * Point3::from(Vector3::from(marker.p));
+    let radii = camera.focal_px * (marker.r / camera.in_camera(&at).z);
+    information(&jacobian(camera, held, marker), 0.5 * PI * radii.x * radii.y)
+}
+
+/// What a blob says of which that is the derivative.
+fn information(jacobian: &Jacobian, area_px: f64) -> Information {
+    let weights = Vector2::from(NOISE_PX.map(|n| area_px.max(1.0) / (n * n)));
+    jacobian.transpose() * Matrix2::from_diagonal(&weights) * jacobian
+}
+
+/// Derivative of the image of a marker by the unknowns.
+fn jacobian(camera: &Camera, held: &Held, marker: &RigMarker) -> Jacobian {
     let at = |held: &Held| held.pose().0 * Point3::from(Vector3::from(marker.p));
     let pixel = |held: &Held| camera.project(&at(held)).unwrap_or_default();
     let mut jacobian = Jacobian::zeros();
@@ -163,8 +198,5 @@ fn information(camera: &Camera, held: &Held, marker: &RigMarker) -> Information 
         };
         jacobian.set_column(unknown, &((moved(STEP) - moved(-STEP)) / (2.0 * STEP)));
     }
-    let radii = camera.focal_px * (marker.r / camera.in_camera(&at(held)).z);
-    let area = (0.5 * PI * radii.x * radii.y).max(1.0);
-    let weights = Vector2::from(NOISE_PX.map(|n| area / (n * n)));
-    jacobian.transpose() * Matrix2::from_diagonal(&weights) * jacobian
+    jacobian
 }

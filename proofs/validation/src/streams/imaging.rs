@@ -106,17 +106,46 @@ impl Scene<'_> {
     }
 }
 
-/// Adds the blobs of all markers; returns the sets of markers that have one, by body.
+/// What a field shows.
+pub(super) struct Seen {
+    /// Sets of markers that have a blob, by body.
+    pub markers: [u32; BODIES],
+    /// Markers of each blob that is of more than one.
+    pub merged: Vec<Vec<Part>>,
+}
+
+/// A marker's part of a blob.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Part {
+    pub body: usize,
+    pub marker: usize,
+    /// What is seen of it, px of the field.
+    pub area_px: f64,
+}
+
+/// A blob before noise.
+#[derive(Debug, Clone)]
+struct Spot {
+    centre: Vector2<f64>,
+    /// px of the field.
+    area_px: f64,
+    /// Of its box, px of the frame.
+    size: Vector2<f64>,
+    colour: Colour,
+    parts: Vec<Part>,
+}
+
+/// Adds the blobs of all markers.
 pub(super) fn see(
     rig: &Rig,
     camera: &Camera,
     scene: &Scene<'_>,
     field: &mut BlobField,
     random: &mut Random,
-) -> [u32; BODIES] {
+) -> Seen {
     let mut markers = [0; BODIES];
     let (discs, shafts) = images(rig, camera, scene);
-    let mut blobs: Vec<(Vector2<f64>, f64, Vector2<f64>, Colour)> = Vec::new();
+    let mut spots: Vec<Spot> = Vec::new();
     for (i, disc) in discs.iter().enumerate() {
         let (mut sum, mut seen) = (Vector2::zeros(), 0);
         let mut low = Vector2::repeat(f64::MAX);
@@ -142,41 +171,47 @@ pub(super) fn see(
             let centre = if seen as usize == POINTS { disc.centre } else { sum / f64::from(seen) };
             let size = if seen as usize == POINTS { disc.radii * 2.0 } else { high - low };
             markers[disc.body] |= 1 << disc.marker;
-            blobs.push((centre, share * 0.5 * PI * disc.radii.x * disc.radii.y, size, disc.colour));
+            let area_px = share * 0.5 * PI * disc.radii.x * disc.radii.y;
+            let parts = vec![Part { body: disc.body, marker: disc.marker, area_px }];
+            spots.push(Spot { centre, area_px, size, colour: disc.colour, parts });
         }
     }
-    merge(&mut blobs);
+    merge(&mut spots);
     // A whole frame has twice the lines of a field.
     let whole = if field.parity == WHOLE_FRAME { 2.0 } else { 1.0 };
-    for (centre, area, size, colour) in blobs {
-        let noise = NOISE_PX.map(|n| n * random.normal() / libm::sqrt(area.max(1.0)));
+    for Spot { centre, area_px, size, colour, .. } in &spots {
+        let noise = NOISE_PX.map(|n| n * random.normal() / libm::sqrt(area_px.max(1.0)));
         field.push(Blob {
             x_px: centre.x + noise[0],
             y_field_px: field_line(centre.y + noise[1], field.parity),
             height_px: 0.5 * whole * size.y,
-            ..blob(colour, whole * area * (1.0 + AREA_NOISE * random.normal()), size.x)
+            ..blob(*colour, whole * area_px * (1.0 + AREA_NOISE * random.normal()), size.x)
         });
     }
-    markers
+    let merged = spots.into_iter().map(|spot| spot.parts).filter(|parts| parts.len() > 1).collect();
+    Seen { markers, merged }
 }
 
 /// Discs of one colour that touch become one.
-fn merge(blobs: &mut Vec<(Vector2<f64>, f64, Vector2<f64>, Colour)>) {
+fn merge(spots: &mut Vec<Spot>) {
     let mut i = 0;
-    while i < blobs.len() {
-        let touching = (i + 1..blobs.len()).find(|&j| {
-            let (a, b) = (&blobs[i], &blobs[j]);
-            a.3 == b.3 && (a.0 - b.0).component_div(&((a.2 + b.2) * 0.5)).norm() < 1.0
+    while i < spots.len() {
+        let touching = (i + 1..spots.len()).find(|&j| {
+            let (a, b) = (&spots[i], &spots[j]);
+            a.colour == b.colour
+                && (a.centre - b.centre).component_div(&((a.size + b.size) * 0.5)).norm() < 1.0
         });
         let Some(j) = touching else {
             i += 1;
             continue;
         };
-        let b = blobs.remove(j);
-        let a = &mut blobs[i];
-        let area = a.1 + b.1;
-        let reach = (a.0 - b.0).abs() + (a.2 + b.2) * 0.5;
-        (a.0, a.1, a.2) = ((a.0 * a.1 + b.0 * b.1) / area, area, reach);
+        let b = spots.remove(j);
+        let a = &mut spots[i];
+        let area_px = a.area_px + b.area_px;
+        a.size = (a.centre - b.centre).abs() + (a.size + b.size) * 0.5;
+        a.centre = (a.centre * a.area_px + b.centre * b.area_px) / area_px;
+        a.area_px = area_px;
+        a.parts.extend(b.parts);
     }
 }
 

@@ -85,6 +85,25 @@ fn at_every_rate_tips_are_near_the_bound_and_shown_no_worse_than_at_50_hz() {
     assert!(shown_um.iter().all(|um| *um <= shown_um[0]), "{shown_um:?}");
 }
 
+#[test]
+fn markers_that_touch_say_less_than_they_would_apart() {
+    let rig = Rig::load_or_shipped(None).unwrap();
+    let of_instrument = |s: &Sighting| s.merged.iter().flatten().any(|part| part.body == 0);
+    let touching = |stream: &Stream| stream.sightings.iter().filter(|s| of_instrument(s)).count();
+    let mut streams = (1..100).map(|seed| recipe(Scenario::Hard, seed).draw(&rig));
+    let merged = streams.find(|stream| touching(stream) > 20).expect("markers touch in some stream");
+    let sightings = merged.sightings.iter().map(|s| Sighting { merged: Vec::new(), ..*s }).collect();
+    let apart = Stream { rig: rig.clone(), fields: Vec::new(), motion: merged.motion.clone(), sightings };
+    let (mut of_merged, mut of_apart) = (TipBound::new(&merged, 0), TipBound::new(&apart, 0));
+    let ratios: Vec<f64> = merged.sightings[30..]
+        .iter()
+        .step_by(20)
+        .map(|s| of_merged.at_um(s.exposed_s).unwrap() / of_apart.at_um(s.exposed_s).unwrap())
+        .collect();
+    assert!(ratios.iter().all(|ratio| *ratio > 1.0 - 1e-6), "{ratios:?}");
+    assert!(ratios.iter().any(|ratio| *ratio > 1.002), "{ratios:?}");
+}
+
 /// A turn or shift that moves the picture of a camera by about so many pixels.
 fn knock(rig: &Rig, camera: u32, at_s: f64, px: f64, shifted: bool) -> Knock {
     let rad = px / rig.cameras()[camera as usize].focal_px.x;
