@@ -25,6 +25,9 @@ const FOCAL_WIDTHS: [f64; 2] = [0.2, 100.0];
 const BENT_WIDTHS: f64 = 0.5;
 /// Steps from the middle of the picture to its border, in each of which a lens must not fold it.
 const STEPS: u32 = 256;
+/// Share of the way from the centre to the border within which a lens must not fold. Fitted lenses of good cameras do
+/// beyond it, in the corners, where no picture of a board reached.
+const FLAT: f64 = 0.8;
 /// So much farther than a straight lens has the border, a barrel's may be.
 const BARREL: f64 = 4.0;
 /// Height of a pixel over its width, and its inverse, at most. Lines of PAL cameras give 1.09.
@@ -205,7 +208,8 @@ impl RigCamera {
                     return None;
                 }
                 if slope.determinant() <= 0.0 {
-                    return Some([at.x, at.y]);
+                    let is_inside = (at - camera.centre_px).norm() < FLAT * (pixel - camera.centre_px).norm();
+                    return is_inside.then_some([at.x, at.y]);
                 }
             }
             None
