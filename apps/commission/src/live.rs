@@ -156,11 +156,11 @@ mod tests {
         let mut rig = Rig::load_or_shipped(None).unwrap();
         rig.frame = None;
         rig.cameras.truncate(1);
-        (rig.cameras[0].width, rig.cameras[0].height) = (16, 8);
-        let frame = |k: u8| [&b"FRAME\n"[..], &[30 + k; 64], &[128; 64]].concat();
+        (rig.cameras[0].width, rig.cameras[0].height) = (16, 32);
+        let frame = |k: u8| [&b"FRAME\n"[..], &[30 + k; 256], &[128; 256]].concat();
         let frames: Vec<u8> = (0..fields).flat_map(frame).collect();
         let path = folder.join("a.y4m");
-        std::fs::write(&path, [&b"YUV4MPEG2 W16 H4 F50:1 Ip C422\n"[..], &frames].concat()).unwrap();
+        std::fs::write(&path, [&b"YUV4MPEG2 W16 H16 F50:1 Ip C422\n"[..], &frames].concat()).unwrap();
         (rig, vec![format!("y4m:{}?parity={parity}", path.display()).parse().unwrap()])
     }
 
@@ -172,13 +172,13 @@ mod tests {
             let mut seen = Vec::new();
             pictures(&rig, &cameras, Choice { every: 2, most: 3 }, &mut |camera, view, name, picture| {
                 assert!(camera == 0 && name.starts_with("camera 0, picture "), "{name}");
-                assert_eq!([picture.width, picture.height], [16, 8]);
+                assert_eq!([picture.width, picture.height], [16, 32]);
                 seen.push((view.to_owned(), [picture.luma[0], picture.luma[16]]));
                 Ok(())
             })
             .unwrap();
             // A machine that is busy elsewhere may cost fields, and with them pictures.
-            assert!(seen.len() <= 3, "{seen:?}");
+            assert!((1..=3).contains(&seen.len()), "{seen:?}");
             for (view, [even, odd]) in seen {
                 assert_eq!(even.abs_diff(odd), 1, "{view}");
                 assert!(view != "0000" || [even, odd] == [30 + parity as u8, 31 - parity as u8]);

@@ -181,7 +181,7 @@ fn wrong_use_is_refused() {
         (
             &["lenses", "--board", "9x6", "--cameras", "driver"],
             2,
-            "expected y4m:PIPE[?parity=1] or v4l2:/dev/videoN",
+            "expected y4m:PATH, mcap:FILE, v4l2:/dev/videoN or genicam:NAME",
         ),
         (
             &["lenses", "--board", "9x6", "--cameras", "y4m:a"],
