@@ -2,15 +2,15 @@
 //! and Mahalanobis distance, nearest first, each blob and each marker once in a camera-field.
 
 use crate::constants as k;
-use crate::covers::{Covers, shift_px};
+use crate::covers::Covers;
 use crate::fit::{BlobMatch, MAX_MATCHES};
 use crate::lines::MotionGivenPose;
-use crate::observation::{FieldObservation, camera_of, marker_covariance};
+use crate::observation::{FieldObservation, camera_of};
 use crate::pose_math::Matrix6;
-use crate::projection::pose_jacobian;
+use crate::reading::{Expectation, Reading, View};
 use crate::rig_model::RigModel;
 use crate::tuning::Tuning;
-use nalgebra::{Isometry3, Matrix2, Vector3};
+use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, MAX_CAMERAS};
 use protocol::poses::EYE;
 
@@ -158,8 +158,7 @@ impl Associator {
         for field in input.fields() {
             let Some(camera) = camera_of(input.rig, field) else { continue };
             self.covers.renew(input.rig, camera, predicted, input.dt_s(field));
-            for (body, predicted) in predicted.iter().enumerate() {
-                let Some(predicted) = predicted else { continue };
+            for body in 0..BODIES {
                 self.gate(input, body, field, predicted);
             }
         }
@@ -209,45 +208,28 @@ impl Associator {
         input: &AssociationInput<'_>,
         body: usize,
         field: &FieldObservation,
-        predicted: &PredictedBody,
+        predicted: &[Option<PredictedBody>; BODIES],
     ) {
-        let (camera, dt_s) = (field.camera, input.dt_s(field));
-        let area_scale = input.area_scales[camera];
+        let Some(own) = &predicted[body] else { return };
+        let (camera, area_scale) = (field.camera, input.area_scales[field.camera]);
         let Tuning { gate, gate_px, .. } = input.rig.tuning;
-        let lines = &input.rig.lines[camera];
-        for expected in self.covers.markers(body) {
-            let (marker, image) = (expected.marker, &expected.image);
-            let colour = input.rig.bodies[body].markers[marker].colour;
-            let hidden = self.covers.hidden_share(expected);
-            let jacobian = pose_jacobian(image, &expected.pose);
-            let at_s = lines.dt_s(dt_s, image.pixel.y);
-            let by_pose = predicted.given.map_or(jacobian, |given| given.jacobian(&jacobian, at_s));
-            let mut spread = by_pose * predicted.covariance * by_pose.transpose();
-            let unknown = predicted.given.map(|given| given.spread(&jacobian, at_s));
-            unknown.into_iter().for_each(|unknown| spread += unknown);
+        let view = View { field, dt_s: input.dt_s(field), lines: &input.rig.lines[camera], area_scale };
+        for disc in self.covers.markers(body) {
+            let expected = Expectation::new(view, &self.covers, disc, own);
+            let marker = disc.marker;
             for (blob, seen) in field.blobs().iter().enumerate() {
-                let r = seen.pixel - image.pixel;
-                if seen.colour != colour || r.norm_squared() > gate_px * gate_px {
+                let off_px2 = (seen.pixel - disc.image.pixel).norm_squared();
+                if seen.colour != disc.colour || off_px2 > gate_px * gate_px {
                     continue;
                 }
-                let Some(covariance) = marker_covariance(seen, image, area_scale, k::AREA_RATIO) else {
-                    continue;
-                };
-                let shift_px = shift_px(hidden, seen, image, area_scale);
-                let covariance = covariance + Matrix2::identity() * (shift_px * shift_px);
-                let Some(inverse) = (spread + covariance * predicted.variance_scale).try_inverse() else {
-                    continue;
-                };
-                let distance2 = r.dot(&(inverse * r));
-                // `covariance` grows with a wrong size; the logarithm of its determinant keeps such
-                // a blob from winning because of its own uncertainty.
-                let growth = libm::log((covariance.determinant() / seen.covariance.determinant()).max(1.0));
+                let partner = self.covers.partner(disc, seen, area_scale);
+                let both = partner.and_then(|partner| expected.with_partner(blob, partner, predicted));
+                let both = both.filter(|reading| reading.distance2 < gate);
+                let Some(reading) = both.or_else(|| expected.alone(blob)) else { continue };
+                let Reading { matched, distance2, growth } = reading;
                 if distance2 < gate && self.candidates.len() < MAX_CANDIDATES {
-                    let at_s = lines.dt_s(dt_s, seen.pixel.y);
-                    let mut matched = BlobMatch::new(field, blob, marker, image, covariance, at_s);
-                    unknown.into_iter().for_each(|unknown| matched.covariance += unknown);
                     self.candidates.push(Candidate { cost: distance2 + growth, body, matched });
-                } else if r.norm_squared() < k::NEAR_PX * k::NEAR_PX && self.near.len() < MAX_CANDIDATES {
+                } else if off_px2 < k::NEAR_PX * k::NEAR_PX && self.near.len() < MAX_CANDIDATES {
                     self.near.push(NearMiss { body, camera, marker, blob });
                 }
             }

@@ -22,6 +22,10 @@ pub const SHAFT_IN_EYE_MM: f64 = 22.0;
 pub const COVERED_SHIFT: f64 = 0.6;
 /// Of the share that is predicted to be hidden, what at least must miss in a blob's area, and its tolerance.
 pub const COVERED_AREA: (f64, f64) = (0.3, 0.02);
+/// Distance of two markers of a colour, in sums of their radii, below which they may be one blob.
+pub const TOUCHING: f64 = 1.15;
+/// Largest logarithm of the ratio of the area of such a blob to that of both markers.
+pub const MERGED_AREA: f64 = 0.06;
 /// Range of the ratio of areas of a blob and its marker.
 pub const AREA_RATIO: (f64, f64) = (0.15, 1.7);
 /// The same range before the camera's scale of areas is estimated.

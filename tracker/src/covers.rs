@@ -37,7 +37,8 @@ struct Shaft {
 /// A marker.
 #[derive(Debug)]
 pub struct Disc {
-    body: usize,
+    /// Its body.
+    pub body: usize,
     /// Index of the marker.
     pub marker: usize,
     /// Its image.
@@ -45,7 +46,8 @@ pub struct Disc {
     /// Pose of the body when it is seen.
     pub pose: PoseMatrix,
     depth: f64,
-    colour: u32,
+    /// Its colour.
+    pub colour: u32,
 }
 
 impl Covers {
@@ -82,6 +84,22 @@ impl Covers {
     /// The markers of a body.
     pub fn markers(&self, body: usize) -> impl Iterator<Item = &Disc> {
         self.discs.iter().filter(move |d| d.body == body)
+    }
+
+    /// A marker of the same colour that is predicted to touch another, where the area of a blob is that of both together.
+    pub fn partner(&self, of: &Disc, blob: &BlobObservation, area_scale: f64) -> Option<&Disc> {
+        let (centre, radius) = (of.image.pixel, of.image.radius_px);
+        let touches = |d: &&Disc| {
+            let reach = k::TOUCHING * (d.image.radius_px + radius);
+            d.colour == of.colour
+                && (d.body, d.marker) != (of.body, of.marker)
+                && (d.image.pixel - centre).norm_squared() < reach * reach
+        };
+        let is_both = |d: &&Disc| {
+            let ratio = blob.area_px / ((d.image.area_px + of.image.area_px) * area_scale);
+            libm::log(ratio).abs() < k::MERGED_AREA
+        };
+        self.discs.iter().filter(touches).find(is_both)
     }
 
     /// Share of a marker that is predicted to be hidden; 0 where nothing touches it.
@@ -187,6 +205,29 @@ mod tests {
             0.0,
             "of one colour they are one blob, which its width shows"
         );
+    }
+
+    #[test]
+    fn a_blob_of_two_that_touch_has_the_area_of_both_and_their_colour() {
+        let at = |x: f64, colour, number| {
+            let mut disc = marker(Vector2::new(300.0 + x, 200.0), 8.0, 80.0, colour);
+            (disc.marker, disc.image.area_px) = (number, 100.0);
+            disc
+        };
+        let (pixel, covariance) = (Vector2::new(308.0, 200.0), nalgebra::Matrix2::identity());
+        let blob =
+            |area_px| BlobObservation { pixel, covariance, area_px, width_px: 32.0, colour: 1, flags: 0 };
+        let partner = |others: Vec<Disc>, area_px| {
+            let of = at(0.0, 1, 0);
+            let discs = others.into_iter().chain([at(0.0, 1, 0)]).collect();
+            let covers = Covers { shafts: vec![], discs };
+            covers.partner(&of, &blob(area_px), 1.1).map(|d| d.marker)
+        };
+        assert_eq!(partner(vec![at(17.0, 1, 3)], 2.2 * 101.0), Some(3));
+        assert_eq!(partner(vec![at(17.0, 1, 3)], 1.1 * 100.0), None, "of one alone");
+        assert_eq!(partner(vec![at(17.0, 2, 3)], 2.2 * 101.0), None, "of another colour");
+        assert_eq!(partner(vec![at(19.0, 1, 3)], 2.2 * 101.0), None, "apart");
+        assert_eq!(partner(vec![], 2.2 * 101.0), None, "not its own partner");
     }
 
     proptest! {

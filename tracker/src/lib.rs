@@ -44,6 +44,7 @@ pub mod predictor;
 pub mod process;
 pub mod projection;
 pub mod rate_constants;
+mod reading;
 pub mod refusals;
 pub mod report;
 pub mod rig_check;
