@@ -405,7 +405,9 @@ fn recorded_pixels_are_replayed_as_their_blobs() {
     assert!(lines("b.jsonl").len() > 6 && lines("b.jsonl").len() == lines("r.jsonl").len());
     let refused = vitreo(&["replay", &pixels, "--verify"]).expect_code(1);
     assert!(refused.stderr.contains("has no results to compare with"), "{}", refused.stderr);
-    let refused = vitreo(&["info", &pixels]).expect_code(1);
+    let described = vitreo(&["info", &pixels]).expect_code(0);
+    assert!(described.stdout.contains(" fields of virtual"), "{}", described.stdout);
+    let refused = vitreo(&["export", &pixels, "--blobs", &bench.text("out.jsonl")]).expect_code(1);
     assert!(refused.stderr.contains("a recording of pixels"), "{}", refused.stderr);
 }
 

@@ -191,17 +191,23 @@ mod tests {
     fn a_marker_beyond_the_handle_and_a_lens_that_bends_or_folds_are_named() {
         let folder = tempfile::tempdir().unwrap();
         let file = path(&folder, "rig.json");
-        let marker = |rig: &mut Rig| rig.bodies[0].markers[3].p[2] = 75.0;
-        let bends = |rig: &mut Rig| rig.cameras[1].dist[0] = 50.0;
-        let folds = |rig: &mut Rig| rig.cameras[1].dist = [-5.0, 0.0, 0.0, 0.0, 0.0];
-        let defects: [(&dyn Fn(&mut Rig), [&str; 2]); 3] = [
-            (&marker, ["bodies.inst0.markers[3].p", "z 75, beyond the handle: the length of inst0 is 60"]),
-            (&bends, ["cameras[1].dist", "more than half its width"]),
-            (&folds, ["cameras[1].dist", "a lens that does not fold the picture"]),
-        ];
-        for (plant, named) in defects {
+        let planted = |plant: fn(&mut Rig)| {
             let mut rig = Rig::load_or_shipped(None).unwrap();
             plant(&mut rig);
+            rig
+        };
+        let defects = [
+            (
+                planted(|rig| rig.bodies[0].markers[3].p[2] = 75.0),
+                ["bodies.inst0.markers[3].p", "z 75, beyond the handle: the length of inst0 is 60"],
+            ),
+            (planted(|rig| rig.cameras[1].dist[0] = 50.0), ["cameras[1].dist", "more than half its width"]),
+            (
+                planted(|rig| rig.cameras[1].dist = [-5.0, 0.0, 0.0, 0.0, 0.0]),
+                ["cameras[1].dist", "a lens that does not fold the picture"],
+            ),
+        ];
+        for (rig, named) in defects {
             std::fs::write(&file, rig.to_json()).unwrap();
             let told = check(&[&file]).unwrap_err().to_string();
             assert!(named.iter().all(|words| told.contains(words)), "{told}");
