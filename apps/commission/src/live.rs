@@ -104,7 +104,7 @@ fn choose(
         *is_done |= number > last;
         if !*is_done && number.is_multiple_of(choice.every) && own.take(&header, &mut picture).is_some() {
             *is_done = number == last;
-            // Who looks has failed where nobody listens, and has stopped the reading.
+            // Nobody receives where `look` has failed; the reading is being stopped then.
             let _ = to.send(Chosen { camera: header.camera, number, picture });
         }
         let all = frames.iter().all(|(_, is_done)| *is_done);
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn who_looks_may_refuse_and_ends_the_reading() {
+    fn a_look_that_fails_ends_the_reading() {
         let folder = tempfile::tempdir().unwrap();
         let (rig, mut cameras) = source(folder.path(), 100, 0);
         let choice = Choice { every: 1, most: 50 };

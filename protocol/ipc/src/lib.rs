@@ -4,7 +4,8 @@
 //! channel of a simulator lives in it, so that several simulators or tests run side by side.
 //! [`Sender`]s and [`Receiver`]s carry fixed blocks, [`BlockSender`]s and [`BlockReceiver`]s a header
 //! with a payload of variable size, both without a copy where they are built in the lent block
-//! ([`Sender::fill`], [`Sender::lend`], [`BlockSender::send`]) and read in the sample ([`Receiver::next_sample`]). A slow receiver blocks no sender: the oldest blocks are overwritten
+//! ([`Sender::fill`], [`Sender::lend`], [`BlockSender::send`]) and read in the sample
+//! ([`Receiver::next_sample`]). A slow receiver blocks no sender: the oldest blocks are overwritten
 //! and counted. [`wait`] sleeps until one of several channels has something new.
 //!
 //! Two builds that disagree about a block's layout do not connect: the service carries the schema
