@@ -41,11 +41,8 @@ pub const VOLUNTARY_TAU_S: f64 = 0.35;
 pub const VOLUNTARY_RANGE_MM2_S4: (f64, f64) = (25.0, 1e5);
 /// Time constant of its adaptation, s.
 pub const VOLUNTARY_LEARNING_S: f64 = 0.1;
-/// Of a raise of that variance at a manoeuvre, what its share across the shaft counts: what is fast goes along it, and a
-/// variance that is too large across takes up the tremor.
-pub const MANOEUVRE_ACROSS: f64 = 0.1;
-/// Bounds of the ratio of two levers by which the tremor is scaled at once.
-pub const LEVER_RATIO: (f64, f64) = (0.2, 5.0);
+/// Share of a raise of that variance at a manoeuvre that acceleration and lags get at once.
+pub const MANOEUVRE_SHARE: f64 = 0.1;
 /// NIS (normalised innovation squared, 6 degrees of freedom) that indicates a manoeuvre.
 pub const NIS_LIMIT: f64 = 30.0;
 /// Least number of near misses, and more than matches, that indicates a manoeuvre.
@@ -57,13 +54,6 @@ pub const INFLATION: [f64; 3] = [0.05, 3.0, 100.0];
 pub const NIS_RATIO_LIMIT: f64 = 1.7;
 /// Gain of that running ratio.
 pub const NIS_RATIO_GAIN: f64 = 0.15;
-/// Gain of the running mean of the tip's innovations along the shaft, each over its standard deviation.
-pub const PUSH_GAIN: f64 = 0.5;
-/// Square of that mean over its variance that indicates a manoeuvre along the shaft: an instrument that begins to be taken
-/// out is found beside its prediction, on the same side, in one field after the other.
-pub const PUSH_LIMIT: f64 = 10.0;
-/// Largest innovation that counts there, standard deviations: one alone decides nothing.
-pub const LARGEST_PUSH: f64 = 6.0;
 /// Bands of the tremor: physiological tremor lies between 6 and 14 Hz, most of it between 8 and 12. More pole pairs
 /// predict better and cost time. An unknown hand is taken to tremble in the middle band alone: a band that begins empty and
 /// is not takes half a second to show in the NIS (see below), one that begins full and is empty takes four seconds to be

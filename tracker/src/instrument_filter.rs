@@ -13,7 +13,6 @@
 //! in (see `fit`); the rest of the state follows by its regression on the pose.
 
 mod adaptation;
-mod directed;
 mod motion;
 mod saved;
 mod start;
@@ -25,7 +24,7 @@ use crate::pose_math::{Matrix6, box_minus, exp};
 use crate::rig_model::BodyModel;
 use crate::tremor_bank::{self, PAIRS, TremorBank};
 use crate::tuning::Tuning;
-use directed::{Directed, add_noise_of};
+use adaptation::Nis;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 pub use start::Hand;
 use transition::{PLAY_MODEL, StateTransition, roll_model, roll_tremor_model, voluntary_model};
@@ -64,12 +63,9 @@ pub struct InstrumentFilter {
     rotation: UnitQuaternion<f64>,
     pivot: Pivot,
     hand: Hand,
-    /// Variance of the voluntary acceleration, mm²/s⁴.
-    voluntary_variance: Directed,
+    voluntary_variance: f64,
     /// Running ratio of the NIS to its expectation.
     nis_ratio: f64,
-    /// Running mean of the innovations of the tip along the shaft, each over its standard deviation.
-    push: f64,
     covariance: [Row; N],
     /// P·Hᵀ, covariance of the whole state with the pose, and the pose's own: many ask for them, between changes of
     /// the state that are few ([`InstrumentFilter::renew_cross`]).
@@ -79,9 +75,8 @@ pub struct InstrumentFilter {
     pub time_ns: u64,
     tuning: Tuning,
     bank: TremorBank,
-    /// Gains of the running ratio and of the running mean.
+    /// Gain of the running ratio.
     nis_gain: f64,
-    push_gain: f64,
     /// Instant from which the hand counts as known, ns.
     hand_known_ns: u64,
 }
@@ -112,9 +107,8 @@ impl InstrumentFilter {
             rotation: pose.rotation,
             pivot,
             hand: hand.unwrap_or_default(),
-            voluntary_variance: Directed::even(tuning.voluntary_mm_s2 * tuning.voluntary_mm_s2),
+            voluntary_variance: tuning.voluntary_mm_s2 * tuning.voluntary_mm_s2,
             nis_ratio: 1.0,
-            push: 0.0,
             covariance: [[0.0; N]; N],
             cross: [[0.0; N]; 6],
             pose_covariance: Matrix6::zeros(),
@@ -122,12 +116,10 @@ impl InstrumentFilter {
             tuning,
             bank: TremorBank::new(tuning.tremor_ripple_db),
             nis_gain: model.at_rate.nis_ratio_gain,
-            push_gain: model.at_rate.push_gain,
             hand_known_ns: time_ns.saturating_add(if hand.is_some() { 0 } else { k::UNKNOWN_HAND_NS }),
         };
         filter.vectors[0] = tip;
         filter.vectors[PLAY] = axis * lever - to_pivot;
-        filter.scale_tremor();
         filter.start_covariance(pose_covariance, &axis, lever, hand.is_some());
         filter.renew_cross();
         filter
@@ -161,16 +153,11 @@ impl InstrumentFilter {
         if self.pivot.tracked { self.vectors[PLAY].norm() } else { 0.0 }
     }
 
-    /// Direction of the shaft, from the tip on.
-    fn axis(&self) -> Vector3<f64> {
-        self.rotation * Vector3::z()
-    }
-
     /// Direction from tip to pivot, and their distance, mm.
     fn shaft(&self) -> (Vector3<f64>, f64) {
         let to_pivot = self.pivot.position + self.vectors[PLAY] - tip_of(&self.vectors);
         let lever = to_pivot.norm().max(k::SHORTEST_LEVER_MM);
-        (self.axis(), lever)
+        (self.rotation * Vector3::z(), lever)
     }
 
     /// The predicted pose `dt` seconds after (or before) the state's instant.
@@ -189,7 +176,7 @@ impl InstrumentFilter {
     ) -> ([Vector3<f64>; VECTORS], UnitQuaternion<f64>, [[f64; 2]; ROLL_TREMORS]) {
         let mut vectors = self.vectors;
         step.apply_to_vectors(&mut vectors);
-        let axis = self.axis();
+        let axis = self.rotation * Vector3::z();
         let mut roll = self.roll_rate * step.roll[0][1] + self.roll_acceleration * step.roll[0][2];
         let mut tremor = self.roll_tremor;
         for (x, f) in tremor.iter_mut().zip(&step.roll_tremor) {
@@ -217,7 +204,6 @@ impl InstrumentFilter {
             if i == steps {
                 self.pivot = target;
             }
-            self.scale_tremor();
             (self.vectors, self.rotation, self.roll_tremor) = self.propagated(&step, &self.pivot);
             self.roll_rate += self.roll_acceleration * step.roll[1][2];
             self.roll_acceleration *= step.roll[2][2];
@@ -237,7 +223,7 @@ impl InstrumentFilter {
         let held = Pivot { sigma: k::FREE_PLAY_MM, tracked: false, ..self.pivot };
         let mut next = pivot.unwrap_or(held);
         let tip = tip_of(&self.vectors);
-        let axis = self.axis();
+        let axis = self.rotation * Vector3::z();
         if axis.dot(&(next.position - tip)) < k::SHORTEST_LEVER_MM {
             next = Pivot { position: tip + axis * k::FREE_PIVOT_MM, ..held };
             self.vectors[PLAY].fill(0.0);
@@ -249,13 +235,13 @@ impl InstrumentFilter {
     }
 
     fn add_noise(&mut self, step: &StateTransition, dt: f64) {
-        let acceleration = self.voluntary_variance.covariance(&self.axis());
+        let voluntary = voluntary_model(self.voluntary_variance, &self.tuning).noise(dt);
         let play = PLAY_MODEL.noise(&step.play, self.pivot.sigma * self.pivot.sigma);
         let p = &mut self.covariance;
         for axis in 0..3 {
+            add_block(p, std::array::from_fn(|n| axis + 3 * n), &voluntary);
             add_block(p, [3 * PLAY + axis, 3 * PLAY + 3 + axis], &play);
         }
-        add_noise_of(p, &acceleration, &voluntary_model(&self.tuning).noise(dt));
         add_block(p, [ROLL, ROLL + 1, ROLL + 2], &roll_model(&self.tuning).noise(dt));
         for (i, f) in step.roll_tremor.iter().enumerate() {
             let first = ROLL_TREMOR + 2 * i;
@@ -333,7 +319,8 @@ impl InstrumentFilter {
         prior_inverse: &Matrix6,
     ) -> bool {
         let delta = box_minus(posterior, &self.pose());
-        let nis = self.nis(&delta, prior_inverse, covariance);
+        let (tip, tip_prior) = (delta.fixed_rows::<3>(0), self.pose_covariance.fixed_view::<3, 3>(0, 0));
+        let of_tip = tip_prior.cholesky().map_or(0.0, |prior| tip.dot(&prior.solve(&tip)));
         let gain = product(&self.cross, prior_inverse);
         let shrink = self.pose_covariance - covariance;
         let weighted = product(&gain, &shrink);
@@ -361,6 +348,7 @@ impl InstrumentFilter {
         }
         self.rotation = aligned(posterior.rotation, &self.vectors, &self.pivot);
         self.renew_cross();
+        let nis = Nis { all: delta.dot(&(prior_inverse * delta)), of_tip };
         self.adapt_to_nis(nis, (prior_inverse * shrink).trace());
         true
     }
@@ -398,7 +386,7 @@ impl InstrumentFilter {
             }
         }
         self.renew_cross();
-        self.voluntary_variance = Directed::even(k::VOLUNTARY_RANGE_MM2_S4.1);
+        self.voluntary_variance = k::VOLUNTARY_RANGE_MM2_S4.1;
     }
 
     /// Inflates the covariance of the roll and its rate: the roll is `turn_rad` from its

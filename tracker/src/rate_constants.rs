@@ -40,8 +40,6 @@ pub struct RateConstants {
     pub area_scale_step: f64,
     /// Gain of the running ratio of the NIS to its expectation.
     pub nis_ratio_gain: f64,
-    /// Gain of the running mean of the innovations along a shaft.
-    pub push_gain: f64,
     /// Updates without the eye after which it is searched without each of the cameras.
     pub without_eye_updates: u32,
     /// Updates without the eye, though two cameras see its markers, after which the cameras disagree.
@@ -78,7 +76,6 @@ impl RateConstants {
             chi2_gain: gain(period_ns, k::CHI2_STEP),
             area_scale_step: gain(period_ns, k::AREA_SCALE_STEP),
             nis_ratio_gain: gain(period_ns, k::NIS_RATIO_GAIN),
-            push_gain: gain(period_ns, k::PUSH_GAIN),
             without_eye_updates: fields(period_ns, k::WITHOUT_EYE_UPDATES),
             disagree_updates: fields(period_ns, k::DISAGREE_UPDATES),
         }
@@ -150,7 +147,6 @@ mod tests {
             [k::KNOCK_FIELDS, k::KNOCK_CALM_FIELDS]
         );
         assert_eq!([at_rate.chi2_gain, at_rate.nis_ratio_gain], [k::CHI2_STEP, k::NIS_RATIO_GAIN]);
-        assert_eq!(at_rate.push_gain, k::PUSH_GAIN);
     }
 
     #[test]

@@ -1,23 +1,17 @@
 //! How an instrument's filter adapts its variances to what the hand does.
 
-use super::directed::Directed;
 use super::transition::roll_tremor_model;
-use super::{Hand, InstrumentFilter, ROLL_TREMOR, TREMOR, tip_of};
+use super::{Hand, InstrumentFilter, ROLL_TREMOR, TREMOR};
 use crate::constants as k;
 use crate::motion_models::VoluntaryMotion;
-use crate::pose_math::{Matrix6, Vector6};
 use crate::tremor_bank::{self, BANDS};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use std::ops::Range;
 
 /// Normalised innovation squared of an update: of pose and of the tip's place alone.
 pub(super) struct Nis {
     pub all: f64,
     pub of_tip: f64,
-    /// Share of the tip's that lies along the shaft, 0 to 1.
-    pub along: f64,
-    /// Innovation of the tip along the shaft over its standard deviation.
-    pub push: f64,
 }
 
 impl InstrumentFilter {
@@ -29,8 +23,13 @@ impl InstrumentFilter {
     /// means are multiplied by n/(n + 2), n the degrees of freedom: the most probable v under Jeffreys' prior 1/v.
     pub(super) fn adapt_variances(&mut self, dt: f64) {
         let p = &self.covariance;
+        let square = |vector: usize| {
+            let state = self.vectors[vector].norm_squared();
+            let variance: f64 = (0..3).map(|axis| p[3 * vector + axis][3 * vector + axis]).sum();
+            (state + variance) / 3.0
+        };
         let share = (dt / self.tuning.tremor_learning_s).min(0.2);
-        let Hand { mut tremor_variance, mut roll_tremor_variance, lever_mm } = self.hand;
+        let Hand { mut tremor_variance, mut roll_tremor_variance } = self.hand;
         for ((variance, range), band) in
             tremor_variance.iter_mut().zip(tremor_bank::ranges()).zip(&k::TREMOR_BANDS)
         {
@@ -53,14 +52,9 @@ impl InstrumentFilter {
             *variance = variance.clamp(k::ROLL_TREMOR_RANGE_RAD2.0, k::ROLL_TREMOR_RANGE_RAD2.1);
         }
         let share = (dt / self.tuning.voluntary_learning_s).min(0.2);
-        let squares = self.vectors[2] * self.vectors[2].transpose()
-            + Matrix3::from_fn(|r, c| self.covariance[6 + r][6 + c]);
-        let now = Directed::of(&squares, &self.axis());
-        self.voluntary_variance = self.voluntary_variance.zip(now, |variance, now| {
-            let adapted = variance + share * (now - variance);
-            adapted.clamp(k::VOLUNTARY_RANGE_MM2_S4.0, k::VOLUNTARY_RANGE_MM2_S4.1)
-        });
-        self.hand = Hand { tremor_variance, roll_tremor_variance, lever_mm };
+        let voluntary = self.voluntary_variance + share * (square(2) - self.voluntary_variance);
+        self.hand = Hand { tremor_variance, roll_tremor_variance };
+        self.voluntary_variance = voluntary.clamp(k::VOLUNTARY_RANGE_MM2_S4.0, k::VOLUNTARY_RANGE_MM2_S4.1);
     }
 
     /// Square and variance of the sum of the parts (0 real, 1 imaginary) of the pole pairs of a band: mean of the axes.
@@ -76,67 +70,23 @@ impl InstrumentFilter {
         [sum.norm_squared() / 3.0, variance / 3.0]
     }
 
-    /// Scales the variances of the tremor with the lever, the distance of the tip from the trocar. A hand turns the shaft
-    /// about the trocar, so the tip trembles by so much more as it is further in. Where the trocar is unknown, or too near
-    /// for a direction, nothing changes.
-    pub(super) fn scale_tremor(&mut self) {
-        let to_trocar = self.axis().dot(&(self.pivot.position - tip_of(&self.vectors)));
-        if !self.pivot.tracked || to_trocar < k::SHORTEST_LEVER_MM {
-            return;
-        }
-        let (_, lever) = self.shaft();
-        if self.hand.lever_mm > 0.0 {
-            let ratio = (lever / self.hand.lever_mm).clamp(k::LEVER_RATIO.0, k::LEVER_RATIO.1);
-            for variance in &mut self.hand.tremor_variance {
-                *variance = (*variance * ratio * ratio).clamp(k::TREMOR_RANGE_MM2.0, k::TREMOR_RANGE_MM2.1);
-            }
-        }
-        self.hand.lever_mm = lever;
-    }
-
-    /// Of an innovation of the pose, before it is taken in; the pose then has the covariance `posterior`.
-    pub(super) fn nis(&self, innovation: &Vector6, prior_inverse: &Matrix6, posterior: &Matrix6) -> Nis {
-        let tip: Vector3<f64> = innovation.fixed_rows::<3>(0).into();
-        let of = |covariance: &Matrix6| -> Matrix3<f64> { covariance.fixed_view::<3, 3>(0, 0).into() };
-        let prior = of(&self.pose_covariance);
-        let of_tip = prior.cholesky().map_or(0.0, |prior| tip.dot(&prior.solve(&tip)));
-        let axis = self.axis();
-        let by_mm = axis.dot(&tip);
-        // Never more than the tip's, but for rounding; nothing where nothing is known.
-        let along = by_mm * by_mm / axis.dot(&(prior * axis)).max(f64::MIN_POSITIVE);
-        let along = (along / of_tip.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-        let learnt = axis.dot(&((prior - of(posterior)) * axis));
-        let push = if learnt > 0.0 { by_mm / libm::sqrt(learnt) } else { 0.0 };
-        Nis { all: innovation.dot(&(prior_inverse * innovation)), of_tip, along, push }
-    }
-
-    /// Where the NIS is too large, once by much or several times in a row, or the tip is beside its prediction along the
-    /// shaft, on one side, field after field, raises the variance of the voluntary acceleration in that direction: the
-    /// instrument manoeuvres. While the hand is not known yet and the NIS is larger still, and most of it the tip's, its
-    /// tremor is wider than expected.
+    /// Where the NIS is too large, once by much or several times in a row, raises the variance of the voluntary
+    /// acceleration: the instrument manoeuvres. While the hand is not known yet and the NIS is larger still, and most of
+    /// it the tip's, its tremor is wider than expected.
     pub(super) fn adapt_to_nis(&mut self, nis: Nis, expected: f64) {
-        let Nis { all: nis, of_tip, mut along, push } = nis;
-        self.push += self.push_gain * (push.clamp(-k::LARGEST_PUSH, k::LARGEST_PUSH) - self.push);
+        let Nis { all: nis, of_tip } = nis;
         self.nis_ratio += self.nis_gain * (nis / expected.max(1.0) - self.nis_ratio);
         let (once, lasting) = k::UNKNOWN_HAND_NIS;
         let is_unknown = self.time_ns < self.hand_known_ns && of_tip > 0.5 * nis;
         if is_unknown && (nis > once || self.nis_ratio > lasting) {
             return self.spread_tremor();
         }
-        let mut ratio = (nis / k::NIS_LIMIT).max(self.nis_ratio / k::NIS_RATIO_LIMIT);
-        // Of independent innovations the mean has the variance g/(2 - g).
-        let pushed = self.push * self.push * (2.0 - self.push_gain) / self.push_gain / k::PUSH_LIMIT;
-        if pushed > ratio.max(1.0) {
-            (ratio, along) = (pushed, 1.0);
-        }
+        let ratio = (nis / k::NIS_LIMIT).max(self.nis_ratio / k::NIS_RATIO_LIMIT);
         if ratio > 1.0 {
-            let raise = (ratio * ratio).min(10.0) - 1.0;
+            let factor = (ratio * ratio).min(10.0);
             let before = self.voluntary_variance;
-            let share = Directed { along, across: k::MANOEUVRE_ACROSS * (1.0 - along) };
-            self.voluntary_variance = before.zip(share, |variance, share| {
-                (variance * (1.0 + share * raise)).min(k::VOLUNTARY_RANGE_MM2_S4.1)
-            });
-            self.inflate_lags(self.voluntary_variance.zip(before, |after, before| after - before));
+            self.voluntary_variance = (before * factor).min(k::VOLUNTARY_RANGE_MM2_S4.1);
+            self.inflate_lags(k::MANOEUVRE_SHARE * (self.voluntary_variance - before));
         }
     }
 
@@ -170,12 +120,11 @@ impl InstrumentFilter {
 
     /// Adds a variance of the acceleration, mm²/s⁴, and what belongs to it, to acceleration and lags. New noise enters behind
     /// the last lag, and would take all their time to reach the acceleration.
-    fn inflate_lags(&mut self, variance: Directed) {
-        let added = variance.covariance(&self.axis());
+    fn inflate_lags(&mut self, variance: f64) {
         for (lag, ratio) in VoluntaryMotion::LAG_VARIANCES.iter().enumerate() {
-            let at = 3 * (2 + lag);
-            for (r, c) in (0..9).map(|n| (n / 3, n % 3)) {
-                self.covariance[at + r][at + c] += ratio * added[(r, c)];
+            for axis in 0..3 {
+                let at = 3 * (2 + lag) + axis;
+                self.covariance[at][at] += ratio * variance;
             }
         }
         self.renew_cross();

@@ -9,13 +9,12 @@ use nalgebra::{Isometry3, Vector3};
 impl Hand {
     /// Writes it.
     pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
-        out.numbers(self.tremor_variance.iter().chain(&self.roll_tremor_variance).chain([&self.lever_mm]))
+        out.numbers(self.tremor_variance.iter().chain(&self.roll_tremor_variance))
     }
 
     /// Takes over what was saved.
     pub(crate) fn load(&mut self, from: &mut Loader<'_>) -> Done {
-        let variances = self.tremor_variance.iter_mut().chain(&mut self.roll_tremor_variance);
-        from.numbers(variances.chain([&mut self.lever_mm]))
+        from.numbers(self.tremor_variance.iter_mut().chain(&mut self.roll_tremor_variance))
     }
 }
 
@@ -24,16 +23,15 @@ impl InstrumentFilter {
     pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
         let InstrumentFilter { vectors, roll_rate, roll_acceleration, roll_tremor, rotation, .. } = self;
         let InstrumentFilter { pivot, hand, voluntary_variance, .. } = self;
-        let InstrumentFilter { nis_ratio, push, covariance, time_ns, hand_known_ns, .. } = self;
-        let InstrumentFilter { tuning: _, bank: _, nis_gain: _, push_gain: _, .. } = self;
+        let InstrumentFilter { nis_ratio, covariance, time_ns, hand_known_ns, .. } = self;
+        let InstrumentFilter { tuning: _, bank: _, nis_gain: _, .. } = self;
         // Computed from the covariance.
         let InstrumentFilter { cross: _, pose_covariance: _, .. } = self;
         out.put(time_ns)?;
         out.put(hand_known_ns)?;
         out.rotation(rotation)?;
         out.numbers(vectors.iter().flatten())?;
-        out.numbers([roll_rate, roll_acceleration, nis_ratio, push])?;
-        out.numbers([&voluntary_variance.along, &voluntary_variance.across])?;
+        out.numbers([roll_rate, roll_acceleration, voluntary_variance, nis_ratio])?;
         out.numbers(roll_tremor.iter().flatten())?;
         hand.save(out)?;
         out.numbers(pivot.position.iter().chain([&pivot.sigma]))?;
@@ -50,10 +48,9 @@ impl InstrumentFilter {
         filter.hand_known_ns = from.count()?;
         filter.rotation = from.rotation()?;
         from.numbers(filter.vectors.iter_mut().flatten())?;
-        let InstrumentFilter { roll_rate, roll_acceleration, voluntary_variance, nis_ratio, push, .. } =
+        let InstrumentFilter { roll_rate, roll_acceleration, voluntary_variance, nis_ratio, .. } =
             &mut filter;
-        from.numbers([roll_rate, roll_acceleration, nis_ratio, push])?;
-        from.numbers([&mut voluntary_variance.along, &mut voluntary_variance.across])?;
+        from.numbers([roll_rate, roll_acceleration, voluntary_variance, nis_ratio])?;
         let InstrumentFilter { roll_tremor, pivot, hand, .. } = &mut filter;
         from.numbers(roll_tremor.iter_mut().flatten())?;
         hand.load(from)?;
