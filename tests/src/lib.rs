@@ -91,6 +91,9 @@ pub fn interrupt(pid: u32) {
     }
 }
 
+/// Frames that a machine busy with other work may cost a run whose subject they are not: one in so many.
+const FORGIVEN: u64 = 4;
+
 /// What a finished command left.
 #[derive(Debug)]
 pub struct Finished {
@@ -112,12 +115,7 @@ impl Finished {
         assert_eq!(self.code, Some(code), "stdout:\n{}\nstderr:\n{}", self.stdout, self.stderr);
         self
     }
-}
 
-/// Frames that a machine busy with other work may cost a run whose subject they are not: one in so many.
-const FORGIVEN: u64 = 4;
-
-impl Finished {
     /// Takes the exit code of a run for 0 if a few missing frames are its only reason: whether any are missing
     /// depends on what else the machine does, and no check may. Those that count frames read the reports.
     fn forgive_a_slow_machine(&mut self) {
