@@ -84,6 +84,8 @@ pub struct PictureStream<R> {
     pub interlace: Interlace,
     /// What is odd about its rate, in words, until it is taken.
     pub note: Option<String>,
+    /// Pictures that were read since the newest header.
+    pub count: u64,
 }
 
 impl<R: BufRead> PictureStream<R> {
@@ -93,7 +95,7 @@ impl<R: BufRead> PictureStream<R> {
     /// A header that is malformed, or pictures that are not the camera's; the text follows its name.
     pub fn open(input: R, expected: Expected) -> Result<Self> {
         let interlace = Interlace::Progressive;
-        let mut stream = PictureStream { clip: None, expected, interlace, note: None };
+        let mut stream = PictureStream { clip: None, expected, interlace, note: None, count: 0 };
         stream.take(Clip::open(input, NAME))?;
         Ok(stream)
     }
@@ -102,7 +104,7 @@ impl<R: BufRead> PictureStream<R> {
         let clip = clip?;
         self.expected.check(&clip.head)?;
         (self.interlace, self.note) = (clip.head.interlace, self.expected.other_rate(&clip.head));
-        self.clip = Some(clip);
+        (self.clip, self.count) = (Some(clip), 0);
         Ok(())
     }
 
@@ -112,12 +114,13 @@ impl<R: BufRead> PictureStream<R> {
     /// A picture that is incomplete, or what is no picture; the stream is then of no more use.
     pub fn read(&mut self, into: &mut Picture) -> Result<bool> {
         let Some(clip) = &mut self.clip else { bail!("contains nothing readable") };
-        if !clip.begins_anew()? {
-            return clip.read(into);
+        if clip.begins_anew()? {
+            let following = self.clip.take().map(Clip::following);
+            following.map_or(Ok(()), |clip| self.take(clip))?;
         }
-        let following = self.clip.take().map(Clip::following);
-        following.map_or(Ok(()), |clip| self.take(clip))?;
-        self.clip.as_mut().map_or(Ok(false), |clip| clip.read(into))
+        let is_read = self.clip.as_mut().map_or(Ok(false), |clip| clip.read(into))?;
+        self.count += u64::from(is_read);
+        Ok(is_read)
     }
 }
 
@@ -218,6 +221,10 @@ mod tests {
         let field = clip("YUV4MPEG2 W4 H2 F50:1 Ip", 1, 40);
         let twice = [field.clone(), clip("YUV4MPEG2 W4 H2 F50:1 Ip", 2, 50)].concat();
         assert!(matches!(read(&twice, expected()), (luma, Ok(())) if luma == [40, 50, 50]));
+        let mut stream = PictureStream::open(&twice[..], expected()).unwrap();
+        let count =
+            |stream: &mut PictureStream<_>| (stream.read(&mut Picture::default()).unwrap(), stream.count);
+        assert_eq!([(); 4].map(|()| count(&mut stream)), [(true, 1), (true, 1), (true, 2), (false, 2)]);
         let (luma, ended) = read(&[field, clip("YUV4MPEG2 W4 H4 Ip", 1, 40)].concat(), expected());
         let told = ended.unwrap_err().to_string();
         assert!(luma == [40] && told.contains("progressive pictures of 4×4"), "{told}");

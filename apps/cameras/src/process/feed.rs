@@ -335,8 +335,10 @@ impl Feed {
             };
             let (part, parts) = (pictured.parts.all()[i], pictured.parts.all().len());
             if let Place::Taken { number, delay_ns } = place {
-                let by_number = || self.sensor.of_rig.parity(number, self.first_parity);
-                let parity = part.parity.unwrap_or_else(by_number);
+                // Whoever opens a pipe anew begins with the first field of a frame, whatever its number is here.
+                let place = pictured.before.unwrap_or(number);
+                let by_place = || self.sensor.of_rig.parity(place, self.first_parity);
+                let parity = part.parity.unwrap_or_else(by_place);
                 let read_out_ns = stamped.unwrap_or_else(|| clock.read_out(number));
                 let header = self.sensor.header(read_out_ns, number, parity);
                 send(&Field { header, picture: &pictured.picture, lines: part.lines })?;
@@ -467,3 +469,6 @@ impl Held {
         self.pictured.taken.map(|taken| taken.read_out_ns.saturating_sub(further * period_ns))
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -132,7 +132,15 @@ impl LiveReader {
         let is_first = !std::mem::replace(&mut course.has_begun, true);
         let is_black = is_black(&picture);
         let taken = Some(taken);
-        Ok(Told::Picture(Box::new(Pictured { picture, parts, arrived_ns, is_black, is_first, taken })))
+        Ok(Told::Picture(Box::new(Pictured {
+            picture,
+            parts,
+            arrived_ns,
+            is_black,
+            is_first,
+            before: None,
+            taken,
+        })))
     }
 
     /// Instants of pictures with these fields.

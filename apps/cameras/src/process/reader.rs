@@ -50,6 +50,8 @@ pub(super) struct Pictured {
     pub(super) is_black: bool,
     /// It is the first after the source was opened.
     pub(super) is_first: bool,
+    /// How many pictures came before it since the stream's header; `None` of a camera, which may lose some.
+    pub(super) before: Option<u64>,
     /// What its camera's stamp says; `None` of what has no stamps.
     pub(super) taken: Option<Taken>,
 }
@@ -134,8 +136,8 @@ impl Reader {
                 Interlace::Progressive => Parts::one(None),
                 interlaced => Parts::woven(interlaced.parities()[0]),
             };
-            let (arrived_ns, taken) = (now(), None);
-            let pictured = Pictured { picture, parts, arrived_ns, is_black, is_first, taken };
+            let (arrived_ns, taken, before) = (now(), None, Some(stream.count - 1));
+            let pictured = Pictured { picture, parts, arrived_ns, is_black, is_first, before, taken };
             self.line.tell(Told::Picture(Box::new(pictured)))?;
             is_first = false;
         }

@@ -97,7 +97,7 @@ impl RecordedReader {
     fn bring(&self, picture: Picture, parity: Option<u32>, is_first: bool) -> Result<()> {
         let is_black = is_black(&picture);
         let (parts, arrived_ns) = (Parts::one(parity), now());
-        let pictured = Pictured { picture, parts, arrived_ns, is_black, is_first, taken: None };
+        let pictured = Pictured { picture, parts, arrived_ns, is_black, is_first, before: None, taken: None };
         self.line.tell(Told::Picture(Box::new(pictured)))
     }
 }
