@@ -43,10 +43,16 @@ pub const VOLUNTARY_RANGE_MM2_S4: (f64, f64) = (25.0, 1e5);
 pub const VOLUNTARY_LEARNING_S: f64 = 0.1;
 /// Share of a raise of that variance at a manoeuvre that acceleration and lags get at once.
 pub const MANOEUVRE_SHARE: f64 = 0.1;
+/// Bounds of the ratio of two levers by which the tremor is scaled at once.
+pub const LEVER_RATIO: (f64, f64) = (0.2, 5.0);
 /// NIS (normalised innovation squared, 6 degrees of freedom) that indicates a manoeuvre.
 pub const NIS_LIMIT: f64 = 30.0;
 /// Least number of near misses, and more than matches, that indicates a manoeuvre.
 pub const MIN_NEAR_MISSES: usize = 2;
+/// Blobs of an instrument that its fit leaves unexplained, after which a wider prediction is tried: at least so many,
+pub const MIN_UNEXPLAINED: usize = 2;
+/// and at least this share of those that it explains.
+pub const UNEXPLAINED_SHARE: f64 = 0.2;
 /// Standard deviations added to the tip's position (mm), velocity (mm/s) and acceleration (mm/s²)
 /// at a manoeuvre.
 pub const INFLATION: [f64; 3] = [0.05, 3.0, 100.0];

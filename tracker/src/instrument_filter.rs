@@ -13,6 +13,7 @@
 //! in (see `fit`); the rest of the state follows by its regression on the pose.
 
 mod adaptation;
+mod directed;
 mod motion;
 mod saved;
 mod start;
@@ -25,6 +26,7 @@ use crate::rig_model::BodyModel;
 use crate::tremor_bank::{self, PAIRS, TremorBank};
 use crate::tuning::Tuning;
 use adaptation::Nis;
+use directed::{Directed, add_noise_of};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 pub use start::Hand;
 use transition::{PLAY_MODEL, StateTransition, roll_model, roll_tremor_model, voluntary_model};
@@ -63,7 +65,8 @@ pub struct InstrumentFilter {
     rotation: UnitQuaternion<f64>,
     pivot: Pivot,
     hand: Hand,
-    voluntary_variance: f64,
+    /// Variance of the voluntary acceleration, mm²/s⁴.
+    voluntary_variance: Directed,
     /// Running ratio of the NIS to its expectation.
     nis_ratio: f64,
     covariance: [Row; N],
@@ -107,7 +110,7 @@ impl InstrumentFilter {
             rotation: pose.rotation,
             pivot,
             hand: hand.unwrap_or_default(),
-            voluntary_variance: tuning.voluntary_mm_s2 * tuning.voluntary_mm_s2,
+            voluntary_variance: Directed::even(tuning.voluntary_mm_s2 * tuning.voluntary_mm_s2),
             nis_ratio: 1.0,
             covariance: [[0.0; N]; N],
             cross: [[0.0; N]; 6],
@@ -120,6 +123,7 @@ impl InstrumentFilter {
         };
         filter.vectors[0] = tip;
         filter.vectors[PLAY] = axis * lever - to_pivot;
+        filter.scale_tremor();
         filter.start_covariance(pose_covariance, &axis, lever, hand.is_some());
         filter.renew_cross();
         filter
@@ -153,11 +157,16 @@ impl InstrumentFilter {
         if self.pivot.tracked { self.vectors[PLAY].norm() } else { 0.0 }
     }
 
+    /// Direction of the shaft, from the tip on.
+    fn axis(&self) -> Vector3<f64> {
+        self.rotation * Vector3::z()
+    }
+
     /// Direction from tip to pivot, and their distance, mm.
     fn shaft(&self) -> (Vector3<f64>, f64) {
         let to_pivot = self.pivot.position + self.vectors[PLAY] - tip_of(&self.vectors);
         let lever = to_pivot.norm().max(k::SHORTEST_LEVER_MM);
-        (self.rotation * Vector3::z(), lever)
+        (self.axis(), lever)
     }
 
     /// The predicted pose `dt` seconds after (or before) the state's instant.
@@ -176,7 +185,7 @@ impl InstrumentFilter {
     ) -> ([Vector3<f64>; VECTORS], UnitQuaternion<f64>, [[f64; 2]; ROLL_TREMORS]) {
         let mut vectors = self.vectors;
         step.apply_to_vectors(&mut vectors);
-        let axis = self.rotation * Vector3::z();
+        let axis = self.axis();
         let mut roll = self.roll_rate * step.roll[0][1] + self.roll_acceleration * step.roll[0][2];
         let mut tremor = self.roll_tremor;
         for (x, f) in tremor.iter_mut().zip(&step.roll_tremor) {
@@ -204,6 +213,7 @@ impl InstrumentFilter {
             if i == steps {
                 self.pivot = target;
             }
+            self.scale_tremor();
             (self.vectors, self.rotation, self.roll_tremor) = self.propagated(&step, &self.pivot);
             self.roll_rate += self.roll_acceleration * step.roll[1][2];
             self.roll_acceleration *= step.roll[2][2];
@@ -223,7 +233,7 @@ impl InstrumentFilter {
         let held = Pivot { sigma: k::FREE_PLAY_MM, tracked: false, ..self.pivot };
         let mut next = pivot.unwrap_or(held);
         let tip = tip_of(&self.vectors);
-        let axis = self.rotation * Vector3::z();
+        let axis = self.axis();
         if axis.dot(&(next.position - tip)) < k::SHORTEST_LEVER_MM {
             next = Pivot { position: tip + axis * k::FREE_PIVOT_MM, ..held };
             self.vectors[PLAY].fill(0.0);
@@ -235,13 +245,13 @@ impl InstrumentFilter {
     }
 
     fn add_noise(&mut self, step: &StateTransition, dt: f64) {
-        let voluntary = voluntary_model(self.voluntary_variance, &self.tuning).noise(dt);
+        let acceleration = self.voluntary_variance.covariance(&self.axis());
         let play = PLAY_MODEL.noise(&step.play, self.pivot.sigma * self.pivot.sigma);
         let p = &mut self.covariance;
         for axis in 0..3 {
-            add_block(p, std::array::from_fn(|n| axis + 3 * n), &voluntary);
             add_block(p, [3 * PLAY + axis, 3 * PLAY + 3 + axis], &play);
         }
+        add_noise_of(p, &acceleration, &voluntary_model(&self.tuning).noise(dt));
         add_block(p, [ROLL, ROLL + 1, ROLL + 2], &roll_model(&self.tuning).noise(dt));
         for (i, f) in step.roll_tremor.iter().enumerate() {
             let first = ROLL_TREMOR + 2 * i;
@@ -386,7 +396,7 @@ impl InstrumentFilter {
             }
         }
         self.renew_cross();
-        self.voluntary_variance = k::VOLUNTARY_RANGE_MM2_S4.1;
+        self.voluntary_variance = Directed::even(k::VOLUNTARY_RANGE_MM2_S4.1);
     }
 
     /// Inflates the covariance of the roll and its rate: the roll is `turn_rad` from its

@@ -1,6 +1,7 @@
 //! From camera-fields to poses. Pure: the state depends on the consumed fields in their order only.
 
 mod follow_up;
+mod manoeuvre;
 mod saved;
 mod update;
 

@@ -1,11 +1,12 @@
 //! How an instrument's filter adapts its variances to what the hand does.
 
+use super::directed::Directed;
 use super::transition::roll_tremor_model;
-use super::{Hand, InstrumentFilter, ROLL_TREMOR, TREMOR};
+use super::{Hand, InstrumentFilter, ROLL_TREMOR, TREMOR, tip_of};
 use crate::constants as k;
 use crate::motion_models::VoluntaryMotion;
 use crate::tremor_bank::{self, BANDS};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use std::ops::Range;
 
 /// Normalised innovation squared of an update: of pose and of the tip's place alone.
@@ -23,13 +24,8 @@ impl InstrumentFilter {
     /// means are multiplied by n/(n + 2), n the degrees of freedom: the most probable v under Jeffreys' prior 1/v.
     pub(super) fn adapt_variances(&mut self, dt: f64) {
         let p = &self.covariance;
-        let square = |vector: usize| {
-            let state = self.vectors[vector].norm_squared();
-            let variance: f64 = (0..3).map(|axis| p[3 * vector + axis][3 * vector + axis]).sum();
-            (state + variance) / 3.0
-        };
         let share = (dt / self.tuning.tremor_learning_s).min(0.2);
-        let Hand { mut tremor_variance, mut roll_tremor_variance } = self.hand;
+        let Hand { mut tremor_variance, mut roll_tremor_variance, lever_mm } = self.hand;
         for ((variance, range), band) in
             tremor_variance.iter_mut().zip(tremor_bank::ranges()).zip(&k::TREMOR_BANDS)
         {
@@ -52,9 +48,14 @@ impl InstrumentFilter {
             *variance = variance.clamp(k::ROLL_TREMOR_RANGE_RAD2.0, k::ROLL_TREMOR_RANGE_RAD2.1);
         }
         let share = (dt / self.tuning.voluntary_learning_s).min(0.2);
-        let voluntary = self.voluntary_variance + share * (square(2) - self.voluntary_variance);
-        self.hand = Hand { tremor_variance, roll_tremor_variance };
-        self.voluntary_variance = voluntary.clamp(k::VOLUNTARY_RANGE_MM2_S4.0, k::VOLUNTARY_RANGE_MM2_S4.1);
+        let squares = self.vectors[2] * self.vectors[2].transpose()
+            + Matrix3::from_fn(|r, c| self.covariance[6 + r][6 + c]);
+        let now = Directed::of(&squares, &self.axis());
+        self.voluntary_variance = self.voluntary_variance.zip(now, |variance, now| {
+            let adapted = variance + share * (now - variance);
+            adapted.clamp(k::VOLUNTARY_RANGE_MM2_S4.0, k::VOLUNTARY_RANGE_MM2_S4.1)
+        });
+        self.hand = Hand { tremor_variance, roll_tremor_variance, lever_mm };
     }
 
     /// Square and variance of the sum of the parts (0 real, 1 imaginary) of the pole pairs of a band: mean of the axes.
@@ -68,6 +69,24 @@ impl InstrumentFilter {
             }
         }
         [sum.norm_squared() / 3.0, variance / 3.0]
+    }
+
+    /// Scales the variances of the tremor with the lever, the distance of the tip from the trocar. A hand turns the shaft
+    /// about the trocar, so the tip trembles by so much more as it is further in. Where the trocar is unknown, or too near
+    /// for a direction, nothing changes.
+    pub(super) fn scale_tremor(&mut self) {
+        let to_trocar = self.axis().dot(&(self.pivot.position - tip_of(&self.vectors)));
+        if !self.pivot.tracked || to_trocar < k::SHORTEST_LEVER_MM {
+            return;
+        }
+        let (_, lever) = self.shaft();
+        if self.hand.lever_mm > 0.0 {
+            let ratio = (lever / self.hand.lever_mm).clamp(k::LEVER_RATIO.0, k::LEVER_RATIO.1);
+            for variance in &mut self.hand.tremor_variance {
+                *variance = (*variance * ratio * ratio).clamp(k::TREMOR_RANGE_MM2.0, k::TREMOR_RANGE_MM2.1);
+            }
+        }
+        self.hand.lever_mm = lever;
     }
 
     /// Where the NIS is too large, once by much or several times in a row, raises the variance of the voluntary
@@ -85,8 +104,9 @@ impl InstrumentFilter {
         if ratio > 1.0 {
             let factor = (ratio * ratio).min(10.0);
             let before = self.voluntary_variance;
-            self.voluntary_variance = (before * factor).min(k::VOLUNTARY_RANGE_MM2_S4.1);
-            self.inflate_lags(k::MANOEUVRE_SHARE * (self.voluntary_variance - before));
+            self.voluntary_variance = before.map(|v| (v * factor).min(k::VOLUNTARY_RANGE_MM2_S4.1));
+            let raised = self.voluntary_variance.zip(before, |after, before| after - before);
+            self.inflate_lags(raised.map(|raised| k::MANOEUVRE_SHARE * raised));
         }
     }
 
@@ -120,11 +140,12 @@ impl InstrumentFilter {
 
     /// Adds a variance of the acceleration, mm²/s⁴, and what belongs to it, to acceleration and lags. New noise enters behind
     /// the last lag, and would take all their time to reach the acceleration.
-    fn inflate_lags(&mut self, variance: f64) {
+    fn inflate_lags(&mut self, variance: Directed) {
+        let added = variance.covariance(&self.axis());
         for (lag, ratio) in VoluntaryMotion::LAG_VARIANCES.iter().enumerate() {
-            for axis in 0..3 {
-                let at = 3 * (2 + lag) + axis;
-                self.covariance[at][at] += ratio * variance;
+            let at = 3 * (2 + lag);
+            for (r, c) in (0..9).map(|n| (n / 3, n % 3)) {
+                self.covariance[at + r][at + c] += ratio * added[(r, c)];
             }
         }
         self.renew_cross();

@@ -9,12 +9,13 @@ use nalgebra::{Isometry3, Vector3};
 impl Hand {
     /// Writes it.
     pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
-        out.numbers(self.tremor_variance.iter().chain(&self.roll_tremor_variance))
+        out.numbers(self.tremor_variance.iter().chain(&self.roll_tremor_variance).chain([&self.lever_mm]))
     }
 
     /// Takes over what was saved.
     pub(crate) fn load(&mut self, from: &mut Loader<'_>) -> Done {
-        from.numbers(self.tremor_variance.iter_mut().chain(&mut self.roll_tremor_variance))
+        let variances = self.tremor_variance.iter_mut().chain(&mut self.roll_tremor_variance);
+        from.numbers(variances.chain([&mut self.lever_mm]))
     }
 }
 
@@ -31,7 +32,8 @@ impl InstrumentFilter {
         out.put(hand_known_ns)?;
         out.rotation(rotation)?;
         out.numbers(vectors.iter().flatten())?;
-        out.numbers([roll_rate, roll_acceleration, voluntary_variance, nis_ratio])?;
+        out.numbers([roll_rate, roll_acceleration, nis_ratio])?;
+        out.numbers([&voluntary_variance.along, &voluntary_variance.across])?;
         out.numbers(roll_tremor.iter().flatten())?;
         hand.save(out)?;
         out.numbers(pivot.position.iter().chain([&pivot.sigma]))?;
@@ -50,7 +52,8 @@ impl InstrumentFilter {
         from.numbers(filter.vectors.iter_mut().flatten())?;
         let InstrumentFilter { roll_rate, roll_acceleration, voluntary_variance, nis_ratio, .. } =
             &mut filter;
-        from.numbers([roll_rate, roll_acceleration, voluntary_variance, nis_ratio])?;
+        from.numbers([roll_rate, roll_acceleration, nis_ratio])?;
+        from.numbers([&mut voluntary_variance.along, &mut voluntary_variance.across])?;
         let InstrumentFilter { roll_tremor, pivot, hand, .. } = &mut filter;
         from.numbers(roll_tremor.iter_mut().flatten())?;
         hand.load(from)?;

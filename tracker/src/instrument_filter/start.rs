@@ -17,6 +17,8 @@ pub struct Hand {
     pub tremor_variance: [f64; BANDS],
     /// Variance of the angle of each oscillator of the roll, rad².
     pub roll_tremor_variance: [f64; ROLL_TREMORS],
+    /// Distance of the tip from the trocar at which the tremor has those variances, mm; 0 if no trocar was known yet.
+    pub lever_mm: f64,
 }
 
 impl Default for Hand {
@@ -24,6 +26,7 @@ impl Default for Hand {
         Hand {
             tremor_variance: k::TREMOR_BANDS.map(|band| band.start_mm * band.start_mm),
             roll_tremor_variance: [k::ROLL_TREMOR_START_RAD * k::ROLL_TREMOR_START_RAD; ROLL_TREMORS],
+            lever_mm: 0.0,
         }
     }
 }
@@ -68,7 +71,7 @@ impl InstrumentFilter {
     /// Covariances of the voluntary movement's velocity, acceleration and lags. An instrument that is back was put in, along
     /// its shaft; of one that is found for the first time nothing is known.
     fn start_movement(&mut self, axis: &Vector3<f64>, is_back: bool) {
-        let (mut across_mm_s, mut along_mm2_s4) = (k::START_SPEED_MM_S, self.voluntary_variance);
+        let (mut across_mm_s, mut along_mm2_s4) = (k::START_SPEED_MM_S, self.voluntary_variance.along);
         if is_back {
             across_mm_s = k::START_SPEED_ACROSS_MM_S;
             along_mm2_s4 = along_mm2_s4.max(k::START_ACCELERATION_MM_S2 * k::START_ACCELERATION_MM_S2);
@@ -77,7 +80,7 @@ impl InstrumentFilter {
         let across = Matrix3::identity() - along;
         let speed =
             along * (k::START_SPEED_MM_S * k::START_SPEED_MM_S) + across * (across_mm_s * across_mm_s);
-        let acceleration = along * along_mm2_s4 + across * self.voluntary_variance;
+        let acceleration = along * along_mm2_s4 + across * self.voluntary_variance.across;
         let lags = VoluntaryMotion::LAG_VARIANCES.map(|ratio| acceleration * ratio);
         for (vector, variance) in std::iter::once(&speed).chain(&lags).enumerate() {
             for row in 0..3 {

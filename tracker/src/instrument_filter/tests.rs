@@ -1,5 +1,6 @@
 //! Tests of the instrument filter: pivot, tremor, a trocar that becomes known.
 
+use super::adaptation::Nis;
 use super::*;
 use crate::adverse::{Adverse, STEPS, Seen};
 use crate::rig_model::RigModel;
@@ -102,16 +103,36 @@ fn a_band_without_tremor_loses_its_variance() {
 fn a_manoeuvre_reaches_the_acceleration_at_once() {
     let mut f = filter(Vector3::zeros());
     f.hand_known_ns = f.time_ns;
+    f.voluntary_variance.across *= 0.5;
     let (before, voluntary) = (f.covariance, f.voluntary_variance);
     f.adapt_to_nis(Nis { all: 1000.0, of_tip: 900.0 }, 6.0);
-    let raised = f.voluntary_variance - voluntary;
-    assert!(raised > 8.0 * voluntary, "{raised}");
+    let raised = f.voluntary_variance.zip(voluntary, |after, before| after - before);
+    assert!(raised.along > 8.0 * voluntary.along && raised.across > 8.0 * voluntary.across, "{raised:?}");
+    let axis = f.rotation * Vector3::z();
+    let across = axis.cross(&Vector3::x()).normalize();
     for (lag, ratio) in crate::motion_models::VoluntaryMotion::LAG_VARIANCES.iter().enumerate() {
         let at = 3 * (2 + lag);
-        let added = f.covariance[at][at] - before[at][at];
-        assert!((added - k::MANOEUVRE_SHARE * ratio * raised).abs() < 1e-9 * added, "lag {lag}: {added}");
+        let added = nalgebra::Matrix3::from_fn(|r, c| f.covariance[at + r][at + c] - before[at + r][at + c]);
+        for (direction, raised) in [(axis, raised.along), (across, raised.across)] {
+            let (added, due) = (direction.dot(&(added * direction)), k::MANOEUVRE_SHARE * ratio * raised);
+            assert!((added - due).abs() < 1e-9 * due, "lag {lag}: {added} instead of {due}");
+        }
     }
     assert_eq!(f.covariance[0], before[0], "nothing else changes");
+}
+
+/// The voluntary movement is learnt along the shaft and across it apart.
+#[test]
+fn what_goes_along_the_shaft_is_no_movement_across_it() {
+    let mut f = filter(Vector3::zeros());
+    let axis = f.rotation * Vector3::z();
+    for n in 1..=250u64 {
+        f.predict(FIELD_NS * (n + 1), Some(pivot()));
+        let t = n as f64 * 0.02;
+        measure(&mut f, &through(axis * (0.5 * libm::sin(9.0 * t))), &(Matrix6::identity() * 1e-6));
+    }
+    let Directed { along, across } = f.voluntary_variance;
+    assert!(along > 10.0 * across, "{along} and {across} mm²/s⁴");
 }
 
 #[test]
@@ -119,7 +140,8 @@ fn an_unknown_hand_may_tremble_in_every_band_and_a_known_one_manoeuvres() {
     let mut f = filter(Vector3::zeros());
     let (before, voluntary) = (f.hand.tremor_variance, f.voluntary_variance);
     let before_tip = f.pose_covariance();
-    f.adapt_to_nis(Nis { all: 1000.0, of_tip: 900.0 }, 6.0);
+    let manoeuvre = |of_tip| Nis { all: 1000.0, of_tip };
+    f.adapt_to_nis(manoeuvre(900.0), 6.0);
     assert_eq!((f.voluntary_variance, f.hand.tremor_variance[1]), (voluntary, before[1]));
     for band in [0, 2] {
         // Half as wide as the main band.
@@ -132,12 +154,43 @@ fn an_unknown_hand_may_tremble_in_every_band_and_a_known_one_manoeuvres() {
     let tip = f.pose_covariance();
     assert!((tip - before_tip).amax() < 1e-12, "the tip is as well known as before: {tip}");
     let rolled = f.voluntary_variance;
-    f.adapt_to_nis(Nis { all: 1000.0, of_tip: 100.0 }, 6.0);
-    assert!(f.voluntary_variance > 2.0 * rolled, "a roll is no tremor");
+    f.adapt_to_nis(manoeuvre(100.0), 6.0);
+    assert!(f.voluntary_variance.along > 2.0 * rolled.along, "a roll is no tremor");
     f.time_ns = f.hand_known_ns;
     let spread = f.hand.tremor_variance;
-    f.adapt_to_nis(Nis { all: 1000.0, of_tip: 900.0 }, 6.0);
-    assert!(f.hand.tremor_variance == spread && f.voluntary_variance > 2.0 * voluntary);
+    f.adapt_to_nis(manoeuvre(900.0), 6.0);
+    assert!(f.hand.tremor_variance == spread && f.voluntary_variance.along > 2.0 * voluntary.along);
+}
+
+/// Its shaft turns about the trocar: the nearer the tip is to it, the less it trembles.
+#[test]
+fn the_tremor_is_as_large_as_the_lever() {
+    let towards = pivot().position.normalize();
+    let lever = pivot().position.norm();
+    let mut f = filter(Vector3::zeros());
+    let begun = f.hand.tremor_variance;
+    assert!((f.hand.lever_mm - lever).abs() < 1e-9);
+    // Half-way out, found there again, put back, and lost and found where no trocar is known.
+    let scaled = |f: &InstrumentFilter| f.hand.tremor_variance[1] / begun[1];
+    let out = through(0.5 * lever * towards);
+    let of = |hand, pivot, pose: &Isometry3<f64>| {
+        InstrumentFilter::new(pose, &(Matrix6::identity() * 1e-4), pivot, FIELD_NS, &model(), Some(hand))
+    };
+    f = of(f.hand(), Some(pivot()), &out);
+    assert!((scaled(&f) - 0.25).abs() < 1e-9, "{}", scaled(&f));
+    f = of(f.hand(), None, &through(Vector3::zeros()));
+    assert!((scaled(&f) - 0.25).abs() < 1e-9, "{}", scaled(&f));
+    f = of(f.hand(), Some(pivot()), &through(Vector3::zeros()));
+    assert!((scaled(&f) - 1.0).abs() < 1e-9, "{}", scaled(&f));
+    // In flight, field by field.
+    f.hand.tremor_variance = begun;
+    for n in 1..=25u64 {
+        f.predict(FIELD_NS * (n + 1), Some(pivot()));
+        f.hand.tremor_variance[1] = begun[1] * libm::pow(f.hand.lever_mm / lever, 2.0);
+        measure(&mut f, &through(0.02 * n as f64 * lever * towards), &(Matrix6::identity() * 1e-8));
+    }
+    f.scale_tremor();
+    assert!((scaled(&f) - 0.25).abs() < 0.01, "{}", scaled(&f));
 }
 
 #[test]
@@ -170,7 +223,10 @@ fn assert_sound(f: &InstrumentFilter, what: &str) {
     assert!(f.pose_covariance().cholesky().is_some(), "{what}: {}", f.pose_covariance());
     assert!(f.vectors.iter().all(|v| v.norm() < 1e6), "{what}: {:?}", f.vectors);
     let adapted = f.hand.tremor_variance.iter().chain(&f.hand.roll_tremor_variance);
-    assert!(adapted.chain([&f.voluntary_variance, &f.nis_ratio]).all(|v| *v >= 0.0 && v.is_finite()));
+    let voluntary = [&f.voluntary_variance.along, &f.voluntary_variance.across];
+    assert!(
+        adapted.chain(voluntary).chain([&f.nis_ratio, &f.hand.lever_mm]).all(|v| *v >= 0.0 && v.is_finite())
+    );
 }
 
 /// Every adverse movement, an hour of each: 10⁶ steps.
@@ -287,4 +343,12 @@ fn an_instrument_that_is_found_again_is_in_the_hand_that_held_it() {
     let across = axis.cross(&Vector3::x()).normalize();
     assert!((speed(&axis) - k::START_SPEED_MM_S).abs() < 1e-9);
     assert!((speed(&across) - k::START_SPEED_ACROSS_MM_S).abs() < 1e-9);
+}
+
+impl InstrumentFilter {
+    /// Takes itself to be surer: all its variances are multiplied by a factor.
+    pub(crate) fn be_surer(&mut self, factor: f64) {
+        self.covariance.iter_mut().flatten().for_each(|v| *v *= factor);
+        self.renew_cross();
+    }
 }

@@ -19,8 +19,9 @@ pub(super) fn roll_tremor_model(i: usize) -> Oscillator {
     Oscillator { omega: 2.0 * std::f64::consts::PI * k::ROLL_TREMOR_HZ[i], damping: k::ROLL_TREMOR_DAMPING }
 }
 
-pub(super) fn voluntary_model(variance: f64, tuning: &Tuning) -> VoluntaryMotion {
-    VoluntaryMotion { sigma: libm::sqrt(variance), tau_s: tuning.voluntary_tau_s }
+/// Of an acceleration of variance 1.
+pub(super) fn voluntary_model(tuning: &Tuning) -> VoluntaryMotion {
+    VoluntaryMotion { sigma: 1.0, tau_s: tuning.voluntary_tau_s }
 }
 
 /// Transitions of all motion models over one time step.
@@ -36,7 +37,7 @@ impl StateTransition {
     /// Over `dt` seconds.
     pub fn new(dt: f64, tuning: &Tuning, bank: &TremorBank) -> Self {
         StateTransition {
-            voluntary: voluntary_model(1.0, tuning).transition(dt),
+            voluntary: voluntary_model(tuning).transition(dt),
             tremor: bank.transition(dt),
             play: PLAY_MODEL.transition(dt),
             roll: roll_model(tuning).transition(dt),

@@ -176,19 +176,33 @@ impl Tracker {
         let rolled = self.recover_rolls(group, &first, &mut fits);
         let unambiguous = first.unambiguous && rolled == [false; BODIES];
         if unambiguous && fits.iter().flatten().all(|fit| fit.outliers == 0) {
-            return Estimate { association: first, fits };
+            return self.follow_manoeuvres(group, Estimate { association: first, fits });
         }
-        let mut second = self.assign(group, &fits);
+        let (association, _) = self.refit(group, &mut first, &mut fits, rolled);
+        self.associator.recycle(first);
+        self.follow_manoeuvres(group, Estimate { association, fits })
+    }
+
+    /// Assigns blobs about the fits, and fits bodies whose assignment has changed, or that are marked in `again`, once more.
+    /// The matches of the others are taken over from `first`; which they are is returned.
+    pub(super) fn refit(
+        &mut self,
+        group: Group,
+        first: &mut Association,
+        fits: &mut Fits,
+        again: [bool; BODIES],
+    ) -> (Association, [bool; BODIES]) {
+        let (mut second, mut taken) = (self.assign(group, fits), [false; BODIES]);
         for body in ORDER {
             let (before, after) = (&mut first.matches[body], &mut second.matches[body]);
-            if !rolled[body] && same_assignment(before, after) {
+            taken[body] = !again[body] && same_assignment(before, after);
+            if taken[body] {
                 std::mem::swap(before, after);
             } else {
                 fits[body] = self.fit(body, fits[body].as_ref(), after);
             }
         }
-        self.associator.recycle(first);
-        Estimate { association: second, fits }
+        (second, taken)
     }
 
     /// The most likely pose of a tracked body, sought from `start` or the prediction on.
