@@ -154,6 +154,27 @@ fn start(config: &Config) -> Result<Option<RendererShell>> {
     RendererShell::open(config, joined, prepared, tier.or(start_tier)).map(Some)
 }
 
+/// What is written to files.
+fn output_config(config: &Config, video_px: [u32; 2]) -> OutputConfig {
+    OutputConfig {
+        stills: config.picture.stills.clone(),
+        video: config.picture.video.clone(),
+        force: config.force.force,
+        video_px,
+        video_hz: VIDEO_HZ,
+        arrangement: config.arrangement().for_files(),
+    }
+}
+
+/// Whom the window's keys serve.
+fn keys(config: &Config) -> Keys {
+    match (config.desk, config.replay) {
+        (true, _) => Keys::Desk,
+        (_, true) => Keys::Replay,
+        _ => Keys::Run,
+    }
+}
+
 impl RendererShell {
     /// Opens files and channels. It begins at `start_tier`, if that is a tier it has prepared.
     fn open(
@@ -169,21 +190,10 @@ impl RendererShell {
         let limit_ns = (Budgets::default().of(Stage::Rendering).limit_ms * 1e6) as u64;
         let fixed = config.tier.map(|t| t as usize);
         let start_tier = start_tier.map_or(start::start_tier(&gpu), |t| t.max(first_tier));
-        let output_config = OutputConfig {
-            stills: config.picture.stills.clone(),
-            video: config.picture.video.clone(),
-            force: config.force.force,
-            video_px: start::video_px(&gpu, fixed),
-            video_hz: VIDEO_HZ,
-            arrangement: config.arrangement().for_files(),
-        };
+        let output_config = output_config(config, start::video_px(&gpu, fixed));
         let output = Output::start(&output_config, first_tier).context("files for stills or video")?;
         let rate = |wanted: bool, hz: f64| Ticks::new(if wanted { hz } else { 0.0 });
-        let keys = match (config.desk, config.replay) {
-            (true, _) => Keys::Desk,
-            (_, true) => Keys::Replay,
-            _ => Keys::Run,
-        };
+        let keys = keys(config);
         let mut process = Self {
             user: User::open(&instance, keys, config.picture.show_dose)?,
             poses: instance.receiver(Queue::Newest)?,

@@ -155,6 +155,27 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
     let scene_name = args.scene.scene.as_deref().unwrap_or(DEFAULT_SCENE);
     let scene = SceneFile::load(scene_name)?;
     let scene_name = args.training.module.as_deref().unwrap_or(scene_name);
+    let versions = Versions::of_this_build();
+    let versions = [
+        ("vitreo", Some(versions.vitreo.to_string())),
+        ("profile", Some(versions.profile.to_string())),
+        (STATE_HASH, Some(STATE_HASH_VERSION.to_string())),
+        // A desk's poses are no tracker's.
+        (TRACKER, args.is_tracked().then(|| TRACKER_VERSION.to_string())),
+    ];
+    Ok(Provenance {
+        rig_json: rig.to_json(),
+        scene_name: scene_name.into(),
+        scene_toml: scene.to_toml(),
+        seeds: BTreeMap::from([("cameras".into(), args.virtual_rig.seed.to_string())]),
+        config: settings_of(args),
+        versions: versions.into_iter().filter_map(|(k, v)| Some((k.to_string(), v?))).collect(),
+        ..Provenance::default()
+    })
+}
+
+/// What was asked for in this run, by key.
+fn settings_of(args: &RunArgs) -> BTreeMap<String, String> {
     let file = |p: &Option<std::path::PathBuf>| p.as_ref().map(|p| p.display().to_string());
     let cameras = &args.virtual_rig;
     let scripted = args.training.module.is_some() && args.is_scripted();
@@ -187,24 +208,7 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
             (!args.trial.inject_delay.is_empty()).then(|| format!("{:?}", args.trial.inject_delay)),
         ),
     ];
-    let config = config.into_iter().filter_map(|(k, v)| Some((k.to_string(), v?)));
-    let versions = Versions::of_this_build();
-    let versions = [
-        ("vitreo", Some(versions.vitreo.to_string())),
-        ("profile", Some(versions.profile.to_string())),
-        (STATE_HASH, Some(STATE_HASH_VERSION.to_string())),
-        // A desk's poses are no tracker's.
-        (TRACKER, args.is_tracked().then(|| TRACKER_VERSION.to_string())),
-    ];
-    Ok(Provenance {
-        rig_json: rig.to_json(),
-        scene_name: scene_name.into(),
-        scene_toml: scene.to_toml(),
-        seeds: BTreeMap::from([("cameras".into(), args.virtual_rig.seed.to_string())]),
-        config: config.collect(),
-        versions: versions.into_iter().filter_map(|(k, v)| Some((k.to_string(), v?))).collect(),
-        ..Provenance::default()
-    })
+    config.into_iter().filter_map(|(k, v)| Some((k.to_string(), v?))).collect()
 }
 
 /// Module, level and scripted surgeon, if any.

@@ -85,6 +85,17 @@ pub fn whole_rig(seed: u64) -> Rig {
     rig
 }
 
+/// The rig with pictures of another size: those of a camera, or of all.
+fn with_size(mut rig: Rig, camera: Option<u32>, size_px: [u32; 2]) -> Rig {
+    for own in rig.cameras.iter_mut().filter(|c| camera.is_none_or(|id| id == c.id)) {
+        let across = f64::from(size_px[0]) / f64::from(own.width);
+        let down = f64::from(size_px[1]) / f64::from(own.height);
+        (own.fx, own.cx, own.width) = (own.fx * across, own.cx * across, size_px[0]);
+        (own.fy, own.cy, own.height) = (own.fy * down, own.cy * down, size_px[1]);
+    }
+    rig
+}
+
 /// Draws a stream of `seconds` with a defect on the shipped rig; which camera, marker or colour, and how much, follows from the
 /// seed. Defects of cameras begin at `from_s`.
 pub fn plant(defect: Defect, scenario: Scenario, seed: u64, seconds: f64, from_s: f64) -> Planted {
@@ -138,15 +149,7 @@ pub fn plant_on(
             let others: Vec<[u32; 2]> = SIZES.into_iter().filter(|size| *size != own).collect();
             let size_px = random.one_of(&others);
             let camera = if random.once_in(2) { None } else { Some(camera) };
-            let mut seen_by = rig.clone();
-            for own in seen_by.cameras.iter_mut().filter(|c| camera.is_none_or(|id| id == c.id)) {
-                let [across, down] = [
-                    f64::from(size_px[0]) / f64::from(own.width),
-                    f64::from(size_px[1]) / f64::from(own.height),
-                ];
-                (own.fx, own.cx, own.width) = (own.fx * across, own.cx * across, size_px[0]);
-                (own.fy, own.cy, own.height) = (own.fy * down, own.cy * down, size_px[1]);
-            }
+            let seen_by = with_size(rig.clone(), camera, size_px);
             planted.fields = recipe.draw(&seen_by).fields;
             planted.truth = Some(Cause::PictureSize { camera, size_px });
         }

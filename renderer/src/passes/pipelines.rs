@@ -107,6 +107,38 @@ impl Deref for PassDevice<'_> {
     }
 }
 
+impl PipelineSpec<'_> {
+    /// Its vertex buffers, in the order of their slots.
+    fn buffers(&self) -> Vec<Option<wgpu::VertexBufferLayout<'_>>> {
+        let buffer = |array_stride, step_mode, attributes| {
+            Some(wgpu::VertexBufferLayout { array_stride, step_mode, attributes })
+        };
+        let mut buffers = Vec::new();
+        if self.vertices {
+            buffers.push(buffer(VERTEX_STRIDE, wgpu::VertexStepMode::Vertex, &ATTRIBUTES[..]));
+        }
+        if self.homes {
+            let stride = size_of::<TissueHome>() as u64;
+            buffers.push(buffer(stride, wgpu::VertexStepMode::Vertex, &HOME_ATTRIBUTES[..]));
+        }
+        if let Some((stride, attributes)) = self.instances {
+            buffers.push(buffer(stride, wgpu::VertexStepMode::Instance, attributes));
+        }
+        buffers
+    }
+}
+
+/// Depth that is compared so, and written where `write` is set.
+fn depth_state(compare: CompareFunction, write: bool) -> wgpu::DepthStencilState {
+    wgpu::DepthStencilState {
+        format: DEPTH,
+        depth_write_enabled: Some(write),
+        depth_compare: Some(compare),
+        stencil: wgpu::StencilState::default(),
+        bias: wgpu::DepthBiasState::default(),
+    }
+}
+
 impl<'a> PassDevice<'a> {
     /// For tiers from `first_tier` on.
     pub fn new(device: &'a Device, first_tier: usize) -> Self {
@@ -152,20 +184,6 @@ impl<'a> PassDevice<'a> {
             bind_group_layouts: &groups,
             immediate_size: 0,
         });
-        let vertex_buffer = |array_stride, step_mode, attributes| {
-            Some(wgpu::VertexBufferLayout { array_stride, step_mode, attributes })
-        };
-        let mut buffers = Vec::new();
-        if spec.vertices {
-            buffers.push(vertex_buffer(VERTEX_STRIDE, wgpu::VertexStepMode::Vertex, &ATTRIBUTES[..]));
-        }
-        if spec.homes {
-            let stride = size_of::<TissueHome>() as u64;
-            buffers.push(vertex_buffer(stride, wgpu::VertexStepMode::Vertex, &HOME_ATTRIBUTES[..]));
-        }
-        if let Some((stride, attributes)) = spec.instances {
-            buffers.push(vertex_buffer(stride, wgpu::VertexStepMode::Instance, attributes));
-        }
         let target = spec.format.map(|format| {
             Some(wgpu::ColorTargetState { format, blend: spec.blend, write_mask: spec.writes })
         });
@@ -181,20 +199,14 @@ impl<'a> PassDevice<'a> {
                 module: &module,
                 entry_point: Some(spec.vertex),
                 compilation_options: options.clone(),
-                buffers: &buffers,
+                buffers: &spec.buffers(),
             },
             primitive: wgpu::PrimitiveState {
                 topology,
                 cull_mode: spec.closed.then_some(wgpu::Face::Back),
                 ..wgpu::PrimitiveState::default()
             },
-            depth_stencil: spec.depth.map(|(compare, write)| wgpu::DepthStencilState {
-                format: DEPTH,
-                depth_write_enabled: Some(write),
-                depth_compare: Some(compare),
-                stencil: wgpu::StencilState::default(),
-                bias: wgpu::DepthBiasState::default(),
-            }),
+            depth_stencil: spec.depth.map(|(compare, write)| depth_state(compare, write)),
             multisample: wgpu::MultisampleState { count: spec.samples, ..wgpu::MultisampleState::default() },
             fragment: spec.fragment.map(|entry| wgpu::FragmentState {
                 module: &module,

@@ -136,6 +136,22 @@ struct Consumers {
 }
 
 impl Consumers {
+    /// Nothing seen yet; the rig is read.
+    fn new(args: &RunArgs, recorder: Option<Recorder>) -> anyhow::Result<Self> {
+        Ok(Consumers {
+            latencies: LatencyStats::default(),
+            monitor: Monitor::default(),
+            tracking: Tracking::new(&Rig::load_or_shipped(args.rig.rig.as_deref())?),
+            watch: Watch::default(),
+            silence: SilenceWatch::new(args.source(), args.takes_live_blobs()),
+            resume: Resume::default(),
+            recorder,
+            score: LiveScore::default(),
+            goals: GoalsReached::default(),
+            lost_before: 0,
+        })
+    }
+
     fn take(&mut self, at: Nanos, item: Item) {
         match &item {
             Item::Blobs(field) => self.tracking.note_field(field),
@@ -186,8 +202,7 @@ impl<'a> Session<'a> {
         let files =
             files.map(|file| RecordingFiles::begin(file, &args.outputs.writing, outputs)).transpose()?;
         let recorder = files.map(|files| Recorder::start(files, &provenance)).transpose()?;
-        let tracking = Tracking::new(&Rig::load_or_shipped(args.rig.rig.as_deref())?);
-        let (latencies, monitor, resume) = (LatencyStats::default(), Monitor::default(), Resume::default());
+        let consumers = Consumers::new(args, recorder)?;
         let (line_sender, lines) = mpsc::channel(LINES_QUEUE);
         Ok(Session {
             args: args.clone(),
@@ -205,18 +220,7 @@ impl<'a> Session<'a> {
             first_record: args.outputs.record.clone(),
             stop,
             tap: ChannelTap::open(&instance)?,
-            consumers: Consumers {
-                latencies,
-                monitor,
-                tracking,
-                watch: Watch::default(),
-                silence: SilenceWatch::new(args.source(), args.takes_live_blobs()),
-                resume,
-                recorder,
-                score: LiveScore::default(),
-                goals: GoalsReached::default(),
-                lost_before: 0,
-            },
+            consumers,
             supervisor: Supervisor::new(&instance, args, view, line_sender)?,
             screen: Screen::new(),
             lines,

@@ -2,7 +2,7 @@
 
 use super::causes::{Cause, Confidence, Finding, seconds};
 use super::events::EventFigures;
-use super::inputs::{FieldPairs, InputFigures};
+use super::inputs::{FieldPairs, FirstInput, InputFigures};
 use super::outcome::{LatencyFigures, ScoreFigures};
 use super::poses::{FramePair, PoseFigures};
 use super::provenance::{KeyDifference, Part};
@@ -101,6 +101,54 @@ pub struct Comparison {
     pub fields: FieldPairs,
 }
 
+/// Where each stage differs first.
+struct Firsts<'a> {
+    input: Option<FirstInput>,
+    keys: &'a [KeyDifference],
+    frames: &'a [FramePair],
+    /// Frames that are in one recording only.
+    alone: u64,
+    state: Option<StepSeen>,
+    events: &'a EventFigures,
+}
+
+impl Firsts<'_> {
+    /// The stages that differ, in the order of the data path.
+    fn stages(self, a: &Side, b: &Side) -> Vec<StageDifference> {
+        let at = |ns: u64| Some(seconds(a.start_ns(), ns));
+        let differs = |stage, at_s, field, entry| StageDifference { stage, at_s, field, entry };
+        let input = self.input.map(|f| differs(StageName::Inputs, at(f.at_ns), Some(f.field), f.what));
+        let parts = [
+            (StageName::Rig, Part::Rig),
+            (StageName::Scene, Part::Scene),
+            (StageName::Settings, Part::Config),
+        ];
+        let keys = parts.into_iter().filter_map(|(name, part)| {
+            let key = self.keys.iter().find(|key| key.part == part && is_result(key))?;
+            Some(differs(name, None, None, key.key.clone()))
+        });
+        let alone = (self.alone > 0).then(|| {
+            let entry = format!("presence: {} frames are in one recording only", self.alone);
+            differs(StageName::Poses, None, None, entry)
+        });
+        let pair = self.frames.iter().find(|pair| pair.a.digest != pair.b.digest);
+        let pose = pair.map(|pair| {
+            let (at_s, field) = (at(pair.a.exposed_ns), Some(pair.a.field));
+            differs(StageName::Poses, at_s, field, name_entry(a, b, pair))
+        });
+        let state = self.state.map(|step| {
+            let exposed = a.frames.iter().find(|f| f.field == step.field).map(|f| f.exposed_ns);
+            let entry = format!("state_hash of step {}", step.step);
+            differs(StageName::States, exposed.and_then(at), Some(step.field), entry)
+        });
+        let event = self.events.first.as_ref();
+        let event =
+            event.map(|f| differs(StageName::Events, at(f.exposed_ns), Some(f.field), f.what.clone()));
+        let of_results = [pose.or(alone), state, event].into_iter().flatten();
+        input.into_iter().chain(keys).chain(of_results).collect()
+    }
+}
+
 impl Comparison {
     /// Compares two recordings, and finds the causes of what differs.
     pub fn of(a: &Side, b: &Side, tolerance_um: f64) -> Self {
@@ -118,42 +166,15 @@ impl Comparison {
         let pose_figures = poses::compare(&frames, alone, a.start_ns(), a.period_ns());
         let (state_figures, first_state) = compare_states(a, b, &fields);
         let event_figures = events::compare(a, b, fields.number_offset);
-        let start_ns = a.start_ns();
-        let at = |ns: u64| Some(seconds(start_ns, ns));
-        let mut stages = Vec::new();
-        let mut stage =
-            |stage, at_s, field, entry| stages.push(StageDifference { stage, at_s, field, entry });
-        if let Some(first) = first_input {
-            stage(StageName::Inputs, at(first.at_ns), Some(first.field), first.what);
-        }
-        for (name, part) in [
-            (StageName::Rig, Part::Rig),
-            (StageName::Scene, Part::Scene),
-            (StageName::Settings, Part::Config),
-        ] {
-            if let Some(key) = keys.iter().find(|key| key.part == part && is_result(key)) {
-                stage(name, None, None, key.key.clone());
-            }
-        }
-        let first_pose = frames.iter().find(|pair| pair.a.digest != pair.b.digest);
-        if let Some(pair) = first_pose {
-            stage(StageName::Poses, at(pair.a.exposed_ns), Some(pair.a.field), name_entry(a, b, pair));
-        } else if alone > 0 {
-            stage(
-                StageName::Poses,
-                None,
-                None,
-                format!("presence: {alone} frames are in one recording only"),
-            );
-        }
-        if let Some(step) = first_state {
-            let exposed = a.frames.iter().find(|f| f.field == step.field).map(|f| f.exposed_ns);
-            let entry = format!("state_hash of step {}", step.step);
-            stage(StageName::States, exposed.and_then(at), Some(step.field), entry);
-        }
-        if let Some(first) = &event_figures.first {
-            stage(StageName::Events, at(first.exposed_ns), Some(first.field), first.what.clone());
-        }
+        let firsts = Firsts {
+            input: first_input,
+            keys: &keys,
+            frames: &frames,
+            alone,
+            state: first_state,
+            events: &event_figures,
+        };
+        let stages = firsts.stages(a, b);
         let mut comparison = Comparison {
             a: a.file.display().to_string(),
             b: b.file.display().to_string(),
@@ -170,7 +191,7 @@ impl Comparison {
             score: outcome::scores(a, b),
             latencies: outcome::latencies(a, b),
             frames,
-            start_ns,
+            start_ns: a.start_ns(),
             fields,
         };
         comparison.same = comparison.is_same();

@@ -40,7 +40,6 @@ fn bytes_of(atom: &impl Encode) -> Vec<u8> {
 pub fn head(size_px: [u32; 2], [sequence, picture]: &[Vec<u8>; 2], length: u64) -> Vec<u8> {
     let brands = [b"iso5", b"iso6", b"avc1", b"mp41"].map(FourCC::new).to_vec();
     let kind = Ftyp { major_brand: FourCC::new(b"iso5"), minor_version: 512, compatible_brands: brands };
-    let [width, height] = size_px.map(|n| n as u16);
     let mvhd = Mvhd {
         timescale: TICKS_PER_S,
         rate: 1.into(),
@@ -48,14 +47,21 @@ pub fn head(size_px: [u32; 2], [sequence, picture]: &[Vec<u8>; 2], length: u64) 
         next_track_id: TRACK + 1,
         ..Mvhd::default()
     };
-    let (enabled, in_movie) = (true, true);
-    let tkhd = Tkhd {
-        track_id: TRACK,
-        enabled,
-        in_movie,
-        width: width.into(),
-        height: height.into(),
-        ..Tkhd::default()
+    let trex = Trex { track_id: TRACK, default_sample_description_index: 1, ..Trex::default() };
+    let mvex = Mvex { mehd: Some(Mehd { fragment_duration: length }), trex: vec![trex] };
+    let trak = track(size_px.map(|n| n as u16), Avcc::new(sequence, picture));
+    let moov = Moov { mvhd, mvex: Some(mvex), trak: vec![trak], ..Moov::default() };
+    [bytes_of(&kind), bytes_of(&moov)].concat()
+}
+
+/// The track: its size and its codec.
+fn track([width, height]: [u16; 2], avcc: mp4_atom::Result<Avcc>) -> Trak {
+    let visual = Visual {
+        data_reference_index: 1,
+        width,
+        height,
+        compressor: Compressor::from("OpenH264"),
+        ..Visual::default()
     };
     let colr = Colr::Nclx {
         colour_primaries: BT709,
@@ -63,18 +69,8 @@ pub fn head(size_px: [u32; 2], [sequence, picture]: &[Vec<u8>; 2], length: u64) 
         matrix_coefficients: BT709,
         full_range_flag: false,
     };
-    let avc1 = Avc1 {
-        visual: Visual {
-            data_reference_index: 1,
-            width,
-            height,
-            compressor: Compressor::from("OpenH264"),
-            ..Visual::default()
-        },
-        avcc: Avcc::new(sequence, picture).expect("parameter sets of an encoder"),
-        colr: Some(colr),
-        ..Avc1::default()
-    };
+    let avcc = avcc.expect("parameter sets of an encoder");
+    let avc1 = Avc1 { visual, avcc, colr: Some(colr), ..Avc1::default() };
     let minf = Minf {
         vmhd: Some(Vmhd::default()),
         dinf: Dinf { dref: Dref { entries: vec![DrefEntry::Url(Url::default())] } },
@@ -86,15 +82,10 @@ pub fn head(size_px: [u32; 2], [sequence, picture]: &[Vec<u8>; 2], length: u64) 
         hdlr: Hdlr { handler: FourCC::new(b"vide"), name: "vitreo".into() },
         minf,
     };
-    let trex = Trex { track_id: TRACK, default_sample_description_index: 1, ..Trex::default() };
-    let mvex = Mvex { mehd: Some(Mehd { fragment_duration: length }), trex: vec![trex] };
-    let moov = Moov {
-        mvhd,
-        mvex: Some(mvex),
-        trak: vec![Trak { tkhd, mdia, ..Trak::default() }],
-        ..Moov::default()
-    };
-    [bytes_of(&kind), bytes_of(&moov)].concat()
+    let (enabled, in_movie) = (true, true);
+    let (width, height) = (width.into(), height.into());
+    let tkhd = Tkhd { track_id: TRACK, enabled, in_movie, width, height, ..Tkhd::default() };
+    Trak { tkhd, mdia, ..Trak::default() }
 }
 
 /// Fragment `number`, from 1 on, that begins at `time`: pictures of `ticks` each, whose units lie one
