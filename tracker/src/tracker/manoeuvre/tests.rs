@@ -50,18 +50,23 @@ fn track(tracker: &mut Tracker, rig: &Rig, number: u64, moved: Vector3<f64>) -> 
     tracker.track(&fields, &reference(&fields))
 }
 
+/// A tracker that has seen everything at rest; on the heap, because builds for debugging copy it about.
+fn rested(rig: &Rig) -> Box<Tracker> {
+    let mut tracker = Box::new(Tracker::new(rig));
+    for number in 0..AT_REST {
+        track(&mut tracker, rig, number, Vector3::zeros());
+    }
+    tracker
+}
+
 #[test]
 fn blobs_that_contradict_a_filter_that_is_too_sure_are_believed() {
     let rig = Rig::load_or_shipped(None).unwrap();
-    let mut rested = Tracker::new(&rig);
-    for number in 0..AT_REST {
-        track(&mut rested, &rig, number, Vector3::zeros());
-    }
     // Where it moves by less, its blobs lie within their gates; by more, most lie beside them.
     let offsets_um = (14..=30).step_by(2).map(f64::from);
     let directions = [Vector3::x(), Vector3::y(), Vector3::new(0.6, -0.6, 0.5)];
     for (direction, um) in directions.iter().flat_map(|d| offsets_um.clone().map(move |um| (d, um))) {
-        let (mut tracker, moved) = (rested.clone(), direction * (um * 1e-3));
+        let (mut tracker, moved) = (rested(&rig), direction * (um * 1e-3));
         let Some(BodyFilter::Instrument(filter)) = &mut tracker.tracks[0].filter else { panic!("lost") };
         filter.be_surer(1e-3);
         let frame = track(&mut tracker, &rig, AT_REST, moved);
@@ -77,10 +82,7 @@ fn blobs_that_contradict_a_filter_that_is_too_sure_are_believed() {
 #[test]
 fn false_blobs_are_no_manoeuvre() {
     let rig = Rig::load_or_shipped(None).unwrap();
-    let mut tracker = Tracker::new(&rig);
-    for number in 0..AT_REST {
-        track(&mut tracker, &rig, number, Vector3::zeros());
-    }
+    let mut tracker = rested(&rig);
     let (mut fields, moved) = (draw(&rig, AT_REST, Vector3::zeros()), Vector3::zeros());
     // Each camera sees three of its blobs elsewhere, a pixel off in directions that no movement explains.
     for field in &mut fields {
