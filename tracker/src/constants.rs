@@ -49,9 +49,9 @@ pub const LEVER_RATIO: (f64, f64) = (0.2, 5.0);
 pub const NIS_LIMIT: f64 = 30.0;
 /// Least number of near misses, and more than matches, that indicates a manoeuvre.
 pub const MIN_NEAR_MISSES: usize = 2;
-/// Blobs of an instrument that its fit leaves unexplained, after which a wider prediction is tried: at least so many,
+/// Least number of blobs that the fit of an instrument leaves unexplained, after which a wider prediction is tried.
 pub const MIN_UNEXPLAINED: usize = 2;
-/// and at least this share of those that it explains.
+/// Least ratio of their number to that of the blobs which the fit explains.
 pub const UNEXPLAINED_SHARE: f64 = 0.2;
 /// Standard deviations added to the tip's position (mm), velocity (mm/s) and acceleration (mm/s²)
 /// at a manoeuvre.

@@ -336,9 +336,9 @@ impl Feed {
             let (part, parts) = (pictured.parts.all()[i], pictured.parts.all().len());
             if let Place::Taken { number, delay_ns } = place {
                 // Whoever opens a pipe anew begins with the first field of a frame, whatever its number is here.
-                let place = pictured.before.unwrap_or(number);
-                let by_place = || self.sensor.of_rig.parity(place, self.first_parity);
-                let parity = part.parity.unwrap_or_else(by_place);
+                let before = pictured.before.unwrap_or(number);
+                let by_count = || self.sensor.of_rig.parity(before, self.first_parity);
+                let parity = part.parity.unwrap_or_else(by_count);
                 let read_out_ns = stamped.unwrap_or_else(|| clock.read_out(number));
                 let header = self.sensor.header(read_out_ns, number, parity);
                 send(&Field { header, picture: &pictured.picture, lines: part.lines })?;
