@@ -46,7 +46,7 @@ fn main() {
         count(&all, |s| s.whole)
     );
     println!("said to hold though it does not: {}", count(&all, Said::holds_wrongly));
-    println!("only an innocent part blamed: {}", count(&all, Said::is_blamed_wrongly));
+    println!("named alone, but wrong or a part of it: {}", count(&all, Said::is_blamed_wrongly));
     println!(
         "false alarms: {} of {} intact rigs",
         count(&all, Said::is_false_alarm),

@@ -39,7 +39,7 @@ pub struct Said {
 }
 
 impl Said {
-    /// Only innocent parts were named.
+    /// One explanation alone was given, and it is wrong or names a part of what is wrong.
     pub fn is_blamed_wrongly(&self) -> bool {
         self.judgement.verdict == Verdict::Explained && !self.right && self.judgement.explanations.len() == 1
     }
