@@ -32,7 +32,7 @@ fn main() {
                 break;
             }
             let found = said(seed, seed % 2 == 1, seed >= from + seeds);
-            told(&found);
+            print_said(&found);
             all.lock().expect("no thread panics").push(found);
         }
     };
@@ -56,7 +56,7 @@ fn main() {
 }
 
 /// What was compared.
-fn told(said: &Said) {
+fn print_said(said: &Said) {
     let rig = if said.whole { "own rig" } else { "shipped rig" };
     let verdict = if said.right { "right" } else { "NOT NAMED" };
     eprintln!(

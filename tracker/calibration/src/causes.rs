@@ -9,6 +9,7 @@
 //! What no remedy explains has an unknown cause. Pure: the tracker is run on the recorded blobs without its
 //! estimation of drift, which would hide a part of it.
 
+mod beside;
 pub mod catalogue;
 mod judge;
 mod judgement;
@@ -16,6 +17,7 @@ mod measure;
 mod places;
 mod progressive;
 mod remedy;
+mod rest;
 mod search;
 pub mod together;
 mod trial;

@@ -1,11 +1,12 @@
 //! Which causes explain what is left in the pictures, and since when.
 
+use super::beside::is_a_marker_beside;
 use super::judgement::{Explanation, Judgement, Verdict};
 use super::measure::{Left, SLICE_NS, START_NS, measure};
 use super::together::Together;
 use super::trial::{hypotheses, try_all};
 use super::work::Work;
-use super::{Cause, progressive, together};
+use super::{Cause, progressive, rest, together};
 use protocol::blobs::BlobField;
 use protocol::time::Nanos;
 use rig::Rig;
@@ -73,6 +74,9 @@ pub fn judge_within(
     let together = together::estimate(rig, &stretch).ok();
     if let Some(found) = together.as_ref().filter(|found| found.mends(rig, &stretch)) {
         take(found, &mut judgement);
+        if found.leaves_more() {
+            judgement.explanations = rest::complete(rig, &stretch, judgement.explanations);
+        }
         return judgement;
     }
     search(rig, &stretch, (&before, together), work, &mut judgement, &go_on);
@@ -125,8 +129,11 @@ fn search(
     let found = try_all(rig, fields, &hypotheses, go_on);
     let was_stopped = found.is_none();
     judgement.tried += if was_stopped { 0 } else { hypotheses.len() };
-    judgement.explanations = found.map_or_else(Vec::new, |found| alike(before, found));
-    let noise = together.filter(|t| t.above.is_noise() && leaves_little(before, TRACKED_SHARE));
+    let singles = found.map_or_else(Vec::new, |found| alike(before, found));
+    judgement.explanations = rest::complete(rig, fields, singles);
+    let noise = together.filter(|t| {
+        t.above.is_noise() && leaves_little(before, TRACKED_SHARE) && !is_a_marker_beside(rig, fields)
+    });
     judgement.holds = judgement.explanations.is_empty() && noise.is_some();
     judgement.above_px = noise.filter(|_| judgement.holds).map_or(judgement.above_px, |t| t.above.px);
     judgement.verdict = match (judgement.explanations.is_empty(), judgement.holds, was_stopped) {

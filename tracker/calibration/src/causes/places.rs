@@ -20,7 +20,11 @@ const CAMERA_REACH_PX: [f64; 8] = [30.0, 30.0, 20.0, 12.0, 8.0, 4.0, 4.0, 4.0];
 /// The same for a marker.
 const MARKER_REACH_PX: f64 = 25.0;
 /// Estimations of a marker: the others' fit takes up a part of its shift, less each time.
-const MARKER_ITERATIONS: usize = 4;
+const MARKER_ITERATIONS: usize = 8;
+/// The largest share of the step before by which steps are known to fall.
+const LEAST_RATIO: f64 = 0.8;
+/// A step that ends them, mm.
+const MARKER_NEAR_MM: f64 = 0.003;
 /// Residual of half weight, px.
 const SOFT_PX: f64 = 2.0;
 /// Fewest blobs that give a place, and most that are used.
@@ -35,7 +39,7 @@ struct Sighting {
 }
 
 /// The poses of a frame at another instant; those that are not measured are left out.
-fn poses_at(frame: &TrackerFrame, exposed_ns: u64) -> [Option<Isometry3<f64>>; BODIES] {
+pub fn poses_at(frame: &TrackerFrame, exposed_ns: u64) -> [Option<Isometry3<f64>>; BODIES] {
     std::array::from_fn(|body| {
         let measured = frame.bodies[body].validity() == Validity::Measured;
         let there = predict(frame, body, exposed_ns);
@@ -49,7 +53,7 @@ fn frame_px(field: &BlobField, blob: usize) -> Vector2<f64> {
 }
 
 /// The blob of a colour nearest to a place.
-fn nearest(field: &BlobField, colour: u32, place: Vector2<f64>, reach_px: f64) -> Option<usize> {
+pub fn nearest(field: &BlobField, colour: u32, place: Vector2<f64>, reach_px: f64) -> Option<usize> {
     let own = (0..field.blobs().len()).filter(|i| field.blobs()[*i].colour == colour);
     let near = own.map(|i| (i, (frame_px(field, i) - place).norm_squared()));
     near.filter(|(_, d2)| *d2 < reach_px * reach_px).min_by(|a, b| a.1.total_cmp(&b.1)).map(|(i, _)| i)
@@ -127,16 +131,22 @@ pub fn marker_moved(rig: &Rig, fields: &[BlobField], body: usize, marker: usize)
     let index = rig.bodies.iter().position(|b| b.name == name)?;
     let place = |rig: &Rig| Vector3::from(rig.bodies[index].markers[marker].p);
     let mut moved = rig.clone();
-    let mut last: Option<f64> = None;
+    let mut last: Option<Vector3<f64>> = None;
     for _ in 0..MARKER_ITERATIONS {
         let mut step = marker_step(&moved, fields, body, marker)?;
-        // Steps fall geometrically: the sum of those to come is known from two.
-        let length = step.norm();
-        if let Some(before) = last.replace(length).filter(|before| length < 0.9 * before) {
-            step /= 1.0 - length / before;
-            last = None;
+        // Steps fall geometrically: the sum of those to come is known from two in one direction.
+        let ratio = last.map_or(1.0, |last| step.dot(&last) / last.norm_squared());
+        last = match ratio {
+            r if (0.0..LEAST_RATIO).contains(&r) => None,
+            _ => Some(step),
+        };
+        if last.is_none() {
+            step /= 1.0 - ratio;
         }
         moved.bodies[index].markers[marker].p = (place(&moved) + step).into();
+        if step.norm() < MARKER_NEAR_MM {
+            break;
+        }
     }
     let by_mm = (place(&moved) - place(rig)).into();
     Some((moved, Cause::marker_moved(body, marker, by_mm)))
@@ -171,7 +181,7 @@ fn marker_step(rig: &Rig, fields: &[BlobField], body: usize, marker: usize) -> O
 }
 
 /// True for a blob that measures no other marker.
-fn is_free(matches: &MatchFrame, field: usize, blob: usize, [body, marker]: [usize; 2]) -> bool {
+pub fn is_free(matches: &MatchFrame, field: usize, blob: usize, [body, marker]: [usize; 2]) -> bool {
     let entry = matches.fields().get(field).and_then(|f| f.blobs().get(blob));
     entry.is_none_or(|e| !e.outcome().is_used() || e.marker() == Some((body, marker)))
 }

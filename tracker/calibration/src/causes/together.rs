@@ -8,6 +8,7 @@
 //! away all but noise, and no part of it does so alone; where several do, all are named.
 
 use super::Cause;
+use super::beside::is_a_marker_beside;
 use super::judgement::Explanation;
 use super::measure::measure;
 use crate::CalibrationError;
@@ -146,7 +147,13 @@ impl Together {
         }
         let left = measure(&bundle.rig(rig), &undone);
         let little = left.explained.rms().is_some_and(|px| px < LEFT_PX);
-        left.explained_share() > FOLLOWS.0 && little && self.noise < NOISE
+        let follows = left.explained_share() > FOLLOWS.0 && little && self.noise < NOISE;
+        follows && !is_a_marker_beside(&bundle.rig(rig), &undone)
+    }
+
+    /// True where more than noise remains of what is explained, little as it is beside what there was.
+    pub fn leaves_more(&self) -> bool {
+        self.explained.iter().any(|(_, rest)| !rest.is_noise())
     }
 
     /// What explains the stretch, judged by so many blobs.
