@@ -128,21 +128,8 @@ pub fn plant_on(
             planted.fields = recipe.draw(&true_rig).fields;
             planted.truth = Some(cause);
         }
-        Defect::CameraMoved => {
-            let knock = knock(&rig, camera, from_s, &mut random);
-            planted.fields = Recipe { knocks: vec![knock], ..recipe }.draw(&rig).fields;
-            let turn_deg = knock.turn.norm().to_degrees();
-            planted.truth = Some(Cause::CameraMoved { camera, turn_deg, shift_mm: 0.0 });
-            planted.since_s = from_s;
-        }
-        Defect::TwoCamerasMoved => {
-            let others: Vec<u32> = rig.cameras.iter().map(|c| c.id).filter(|id| *id != camera).collect();
-            let mut cameras = [camera, random.one_of(&others)];
-            cameras.sort_unstable();
-            let knocks = cameras.map(|id| knock(&rig, id, from_s, &mut random)).to_vec();
-            planted.fields = Recipe { knocks, ..recipe }.draw(&rig).fields;
-            planted.truth = Some(Cause::CamerasMoved { cameras });
-            planted.since_s = from_s;
+        Defect::CameraMoved | Defect::TwoCamerasMoved => {
+            planted.knock(defect, recipe, camera, from_s, &mut random)
         }
         Defect::WrongSize => {
             let own = [rig.cameras[0].width, rig.cameras[0].height];
@@ -167,6 +154,23 @@ pub fn plant_on(
 }
 
 impl Planted {
+    /// Draws the stream with a camera, or with it and another one, moved from an instant on.
+    fn knock(&mut self, defect: Defect, recipe: Recipe, camera: u32, from_s: f64, random: &mut Random) {
+        let mut cameras = vec![camera];
+        if defect == Defect::TwoCamerasMoved {
+            let others: Vec<u32> = self.rig.cameras.iter().map(|c| c.id).filter(|id| *id != camera).collect();
+            cameras.push(random.one_of(&others));
+            cameras.sort_unstable();
+        }
+        let knocks: Vec<Knock> = cameras.iter().map(|id| knock(&self.rig, *id, from_s, random)).collect();
+        self.truth = Some(match cameras[..] {
+            [a, b] => Cause::CamerasMoved { cameras: [a, b] },
+            _ => Cause::CameraMoved { camera, turn_deg: knocks[0].turn.norm().to_degrees(), shift_mm: 0.0 },
+        });
+        self.fields = Recipe { knocks, ..recipe }.draw(&self.rig).fields;
+        self.since_s = from_s;
+    }
+
     /// Does to the blobs from an instant on, s after the first, what the defect does.
     fn spoil_from(&mut self, from_s: f64) {
         let Some(cause) = &self.truth else { return };
