@@ -6,11 +6,11 @@ use std::fs::{self, File, Metadata};
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::{Path, PathBuf};
 
-/// Names of files that a command writes into a folder, each by its beginning and its end.
+/// File names that a command writes into a folder, as pairs of prefix and suffix.
 pub type Names = &'static [[&'static str; 2]];
-/// Pictures of a run.
+/// Still pictures of a run.
 pub const STILLS: Names = &[["frame-", ".png"], ["last", ".png"]];
-/// Pictures of a film, named by their instants.
+/// Still pictures of a film, named by their timestamps.
 pub const FILM_STILLS: Names = &[["still-", ".png"], ["still-", ".jpg"]];
 
 /// The inputs and outputs of a command.
@@ -18,43 +18,43 @@ pub const FILM_STILLS: Names = &[["still-", ".png"], ["still-", ".jpg"]];
 pub struct Outputs {
     force: bool,
     inputs: Vec<PathBuf>,
-    /// Name of each output, and whether it is being written.
+    /// Resolved path of each output, and whether writing has begun.
     outputs: Vec<(PathBuf, bool)>,
 }
 
 impl Outputs {
-    /// Nothing yet; with `force` files that exist are written over.
+    /// Creates an empty set. With `force`, existing files are overwritten.
     pub fn new(force: bool) -> Self {
         Outputs { force, ..Outputs::default() }
     }
 
-    /// Adds a file that the command reads, or a folder whose files it reads. One that does not exist
-    /// is no concern of an output.
+    /// Adds an input: a file, or a folder whose files are read. Missing inputs are ignored.
     pub fn reading(mut self, input: impl AsRef<Path>) -> Self {
         self.add_input(input);
         self
     }
 
-    /// As [`Outputs::reading`], later.
+    /// Adds an input, as [`Outputs::reading`] does, to an existing set.
     pub fn add_input(&mut self, input: impl AsRef<Path>) {
         self.inputs.push(input.as_ref().to_path_buf());
     }
 
-    /// As [`Outputs::reading`], of several.
+    /// Adds several inputs, as [`Outputs::reading`] does.
     pub fn reading_all<P: AsRef<Path>>(self, inputs: impl IntoIterator<Item = P>) -> Self {
         inputs.into_iter().fold(self, Outputs::reading)
     }
 
-    /// True if files that exist are written over.
+    /// True if existing files are overwritten.
     pub fn is_forced(&self) -> bool {
         self.force
     }
 
-    /// Checks that `path` may be written, and keeps its name for [`Outputs::create`] or
-    /// [`Outputs::grow`]. Changes nothing.
+    /// Checks that `path` may be written, and reserves its name for [`Outputs::create`] or [`Outputs::grow`].
+    /// The file system is not changed.
     ///
     /// # Errors
-    /// Where it exists, is an input or another output, or its folder refuses it.
+    /// If the file exists (without `force`) or is being written by another program, is a folder, an input or
+    /// another output, or if no file can be created in its folder.
     pub fn claim(&mut self, path: &Path) -> Result<(), OutputError> {
         self.note(path)?;
         if path == Path::new(STDOUT) {
@@ -69,7 +69,7 @@ impl Outputs {
             Ok(found) if is_device(&found) => Ok(()),
             Ok(_) if !self.force => Err(OutputError::Exists { path: shown() }),
             Ok(_) if is_being_written(path) => Err(OutputError::InUse { path: shown() }),
-            // A link that leads nowhere is a name that is taken.
+            // A dangling symlink occupies the name.
             Err(_) if path.symlink_metadata().is_ok() && !self.force => {
                 Err(OutputError::Exists { path: shown() })
             }
@@ -80,10 +80,12 @@ impl Outputs {
         }
     }
 
-    /// As [`Outputs::claim`], of a folder for the files of `names`; others may lie there.
+    /// Checks that the files of `names` may be written into the folder `path`, and reserves the folder. Files
+    /// of other names may be in it.
     ///
     /// # Errors
-    /// Where it holds such files, is a file, or is an input or another output.
+    /// If the folder contains files of `names` (without `force`), if `path` is a file, an input or another
+    /// output, or if no file can be created in it.
     pub fn claim_folder(&mut self, path: &Path, names: Names) -> Result<(), OutputError> {
         self.note(path)?;
         let shown = || path.display().to_string();
@@ -102,19 +104,19 @@ impl Outputs {
         }
     }
 
-    /// Begins a file that appears whole with [`OutputFile::finish`].
+    /// Begins a file that gets its name, complete, with [`OutputFile::finish`].
     ///
     /// # Errors
-    /// As [`Outputs::claim`], and where the file cannot be made.
+    /// The errors of [`Outputs::claim`], and [`OutputError::Io`] if the file cannot be created.
     pub fn create(&mut self, path: &Path) -> Result<OutputFile, OutputError> {
         self.begin(path)?;
         OutputFile::begin(path, self.force)
     }
 
-    /// Begins a file that grows under its name from [`GrowingFile::appear`] on.
+    /// Begins a file that gets its name with [`GrowingFile::appear`] and is written further under it.
     ///
     /// # Errors
-    /// As [`Outputs::claim`], and where the file cannot be made.
+    /// The errors of [`Outputs::claim`], and [`OutputError::Io`] if the file cannot be created.
     pub fn grow(&mut self, path: &Path) -> Result<GrowingFile, OutputError> {
         self.begin(path)?;
         GrowingFile::begin(path, self.force)
@@ -123,7 +125,7 @@ impl Outputs {
     /// Writes a file in one piece.
     ///
     /// # Errors
-    /// As [`Outputs::create`], and where the file cannot be written.
+    /// The errors of [`Outputs::create`], and [`OutputError::Io`] if the file cannot be written.
     pub fn write(&mut self, path: &Path, contents: impl AsRef<[u8]>) -> Result<(), OutputError> {
         let mut file = self.create(path)?;
         let written = io_write(&mut file, contents.as_ref());
@@ -131,7 +133,7 @@ impl Outputs {
         file.finish()
     }
 
-    /// Keeps the name; refuses one that is kept already.
+    /// Reserves an output's name; refuses a name that is already reserved.
     fn note(&mut self, path: &Path) -> Result<(), OutputError> {
         let name = resolved(path);
         if self.outputs.iter().any(|(other, _)| *other == name || same_file(other, &name)) {
@@ -166,7 +168,7 @@ impl Outputs {
             if same_file(input, path) {
                 return Err(refused(input));
             }
-            // Of a folder every file directly in it.
+            // A folder stands for the files directly in it.
             let files = fs::read_dir(input).into_iter().flatten().flatten().map(|e| e.path());
             if let Some(within) = files.filter(|f| f.is_file()).find(|f| same_file(f, path)) {
                 return Err(refused(&within));
@@ -180,14 +182,15 @@ fn io_write(file: &mut OutputFile, contents: &[u8]) -> std::io::Result<()> {
     std::io::Write::write_all(file, contents)
 }
 
-/// Something that exists to be written to: a pipe, a terminal, `/dev/null`.
+/// True for a pipe, a socket or a character device (a terminal, `/dev/null`), which are written without being
+/// replaced.
 pub(super) fn is_device(found: &Metadata) -> bool {
     let kind = found.file_type();
     kind.is_fifo() || kind.is_char_device() || kind.is_socket()
 }
 
-/// True if both names exist and lead to the same file. What is written through (a pipe, a device)
-/// cannot be lost.
+/// True if both paths exist and lead to the same file. Pipes and devices are never the same: writing to them
+/// overwrites nothing.
 fn same_file(a: &Path, b: &Path) -> bool {
     let (Ok(a), Ok(b)) = (a.metadata(), b.metadata()) else { return false };
     !is_device(&a) && (a.dev(), a.ino()) == (b.dev(), b.ino())
@@ -199,7 +202,7 @@ pub(super) fn is_being_written(path: &Path) -> bool {
     flock(&file, FlockOperation::NonBlockingLockShared).is_err_and(|e| e == rustix::io::Errno::WOULDBLOCK)
 }
 
-/// The name with its folder resolved, so that equal places have equal names.
+/// The path with its folder resolved, so that two paths of one file are equal.
 fn resolved(path: &Path) -> PathBuf {
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -211,7 +214,7 @@ fn resolved(path: &Path) -> PathBuf {
     }
 }
 
-/// The first file in a folder whose name is one of `names`.
+/// The first file of a folder whose name matches one of `names`.
 fn entry_of(folder: &Path, names: Names) -> Option<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let is_taken =
@@ -220,8 +223,8 @@ fn entry_of(folder: &Path, names: Names) -> Option<PathBuf> {
     taken.map(|entry| entry.path()).min()
 }
 
-/// Whether the folder, or the nearest one above it that exists, takes a new file; `path` is the output
-/// that is to come there.
+/// Checks that a file can be created in `folder` or, if it does not exist yet, in its nearest existing
+/// ancestor. `path` is the output that errors name.
 fn check_takes_files(path: &Path, folder: &Path) -> Result<(), OutputError> {
     let absolute = std::path::absolute(folder).map_err(|e| OutputError::io(path, e))?;
     let Some(folder) = absolute.ancestors().find(|f| f.symlink_metadata().is_ok()) else {
@@ -254,7 +257,7 @@ mod tests {
                 let error = text(Outputs::new(force).reading(at("a")).claim(&at(name)));
                 assert!(error.contains("is an input of the command"), "{error}");
             }
-            // A file of a folder that is read.
+            // A file of an input folder.
             let error = text(Outputs::new(force).reading(folder.path()).claim(&at("a")));
             assert!(error.contains("is an input of the command"), "{error}");
         }
@@ -322,7 +325,7 @@ mod tests {
         fs::write(folder.path().join("f"), "").unwrap();
         let within = folder.path().join("f/g/h");
         assert!(text(Outputs::new(false).claim(&within)).contains("a part of its path is a file"));
-        // Root has every right there, and yet no file can be made.
+        // Root has all permissions there, and still no file can be created.
         assert!(text(Outputs::new(false).claim(Path::new("/sys/a"))).contains("cannot be written"));
         assert!(
             text(Outputs::new(false).claim_folder(Path::new("/sys/a"), STILLS)).contains("cannot be written")

@@ -1,4 +1,5 @@
-//! A file being written.
+//! Output files under a temporary name, which get their own name when complete ([`OutputFile`]) or when the
+//! run has begun ([`GrowingFile`]).
 
 use super::claim::{is_being_written, is_device};
 use super::{OutputError, STDOUT};
@@ -13,14 +14,14 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use tempfile::{Builder, NamedTempFile, PersistError, TempPath};
 
-/// Buffer of a file, bytes.
+/// Size of the write buffer, bytes.
 const BUFFER: usize = 64 << 10;
-/// How long a named pipe may be without a reader, and how often it is tried meanwhile.
+/// Timeout for a reader of a named pipe, and the interval of the attempts to open it.
 const READER_PATIENCE: Duration = Duration::from_secs(5);
 const READER_POLL: Duration = Duration::from_millis(20);
 
-/// A file that appears whole under its name with [`OutputFile::finish`]; dropped before, it never
-/// was. Standard output and devices are written as they are.
+/// A file that gets its name, complete, with [`OutputFile::finish`]; dropping it before leaves no file.
+/// Standard output, pipes and devices are written directly.
 #[derive(Debug)]
 pub struct OutputFile {
     to: BufWriter<Target>,
@@ -29,16 +30,16 @@ pub struct OutputFile {
 
 #[derive(Debug)]
 enum Target {
-    /// Written directly.
+    /// Standard output, a pipe or a device, written directly.
     Direct(File),
-    /// Gets its name at the end.
+    /// A temporary file, renamed to `place` at the end.
     Unnamed { file: NamedTempFile, place: Place },
 }
 
-/// The name that a file is to get.
+/// Final path of a file.
 #[derive(Debug, Clone)]
 struct Place {
-    /// With links resolved.
+    /// The path, with links resolved if the file is overwritten.
     path: PathBuf,
     force: bool,
 }
@@ -55,10 +56,10 @@ impl OutputFile {
         Ok(OutputFile { to: BufWriter::with_capacity(BUFFER, target), path: path.into() })
     }
 
-    /// Writes the rest and gives the file its name.
+    /// Writes the buffered rest and gives the file its name.
     ///
     /// # Errors
-    /// Where it cannot be written, or its name was taken meanwhile.
+    /// If the file cannot be written, or a file of its name was created in the meantime.
     pub fn finish(self) -> Result<(), OutputError> {
         let OutputFile { to, path } = self;
         let target = to.into_inner().map_err(|e| OutputError::io(&path, e.into_error()))?;
@@ -75,7 +76,7 @@ impl Write for Target {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match self {
             Target::Direct(file) => file.write(bytes),
-            // Its own writer names the temporary file in errors.
+            // The writer of `NamedTempFile` would put the temporary name into errors.
             Target::Unnamed { file, .. } => file.as_file_mut().write(bytes),
         }
     }
@@ -105,10 +106,10 @@ impl io::Seek for OutputFile {
     }
 }
 
-/// Writes a file through `write`, for writers without a file name.
+/// Lets `write` write the file, then finishes it.
 ///
 /// # Errors
-/// Those of `write`, and of [`OutputFile::finish`].
+/// The errors of `write` and of [`OutputFile::finish`].
 pub fn save<E: From<OutputError>>(
     mut file: OutputFile,
     write: impl FnOnce(&mut OutputFile) -> Result<(), E>,
@@ -117,12 +118,13 @@ pub fn save<E: From<OutputError>>(
     Ok(file.finish()?)
 }
 
-/// A file that is written while something runs. It gets its name with [`GrowingFile::appear`];
-/// dropped before, it never was. While it grows it is locked, and nothing writes over it.
+/// A file that is written during a run. It gets its name with [`GrowingFile::appear`]; dropping it before
+/// leaves no file. While it is open it is locked, and other commands do not overwrite it.
 #[derive(Debug)]
 pub struct GrowingFile {
     file: File,
-    /// Its name until it appears, and the one that it gets.
+    /// Temporary path and final path, until the file gets its name; `None` afterwards, and for pipes and
+    /// devices.
     unnamed: Option<(TempPath, Place)>,
     path: PathBuf,
 }
@@ -134,37 +136,39 @@ impl GrowingFile {
         }
         let place = Place::of(path, force);
         let (file, temporary) = place.temporary()?.into_parts();
-        // Where the file system has no locks there is no protection by them.
+        // On file systems without locks the file is unprotected.
         let _ = flock(&file, FlockOperation::NonBlockingLockExclusive);
         Ok(GrowingFile { file, unnamed: Some((temporary, place)), path: path.into() })
     }
 
-    /// The name that it has or gets.
+    /// The file's final path.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Makes it readable only by its owner, because trainees' attempts are private.
+    /// Makes the file readable only by its owner, because trainees' attempts are private.
     ///
     /// # Errors
-    /// Where the system refuses.
+    /// If the system refuses the permissions.
     pub fn make_private(&self) -> Result<(), OutputError> {
         let Some((_, place)) = &self.unnamed else { return Ok(()) };
         self.file.set_permissions(Permissions::from_mode(0o600)).map_err(|e| place.refused(e))
     }
 
-    /// The file, to be written from its start; it stays locked as long as one handle is open.
+    /// A handle for writing, at the file's current position. The file stays locked as long as one handle is
+    /// open.
     ///
     /// # Errors
-    /// Where no further handle can be opened.
+    /// If no further handle can be opened.
     pub fn handle(&self) -> Result<File, OutputError> {
         self.file.try_clone().map_err(|e| OutputError::io(&self.path, e))
     }
 
-    /// Gives the file its name once its run has begun. Later calls do nothing.
+    /// Gives the file its name, once the run has begun. Later calls do nothing.
     ///
     /// # Errors
-    /// Where the name was taken meanwhile, or another program writes the file of that name.
+    /// If a file of its name was created in the meantime, or another program is writing the file to be
+    /// overwritten.
     pub fn appear(&mut self) -> Result<(), OutputError> {
         let Some((temporary, place)) = self.unnamed.take() else { return Ok(()) };
         if place.force && is_being_written(&place.path) {
@@ -181,11 +185,11 @@ impl GrowingFile {
     }
 }
 
-/// Temporary names of this program. Those that are left are of files that are not whole.
+/// Temporary files of this program. Any left over belong to unfinished files.
 static TEMPORARY: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-/// Removes the files of this program that have no name yet, and its scratch folders, for a program that is
-/// about to end at once.
+/// Removes temporary files without a final name, and scratch folders. To be called before the program exits
+/// without unwinding.
 pub fn remove_unfinished() {
     super::scratch::remove_all();
     let names = TEMPORARY.lock().unwrap_or_else(PoisonError::into_inner);
@@ -194,7 +198,7 @@ pub fn remove_unfinished() {
 
 impl Place {
     fn of(path: &Path, force: bool) -> Self {
-        // Overwrites the target of a link, not the link.
+        // With `force` the target of a symlink is overwritten, not the link.
         let resolved = if force { path.canonicalize().ok() } else { None };
         Place { path: resolved.unwrap_or_else(|| path.into()), force }
     }
@@ -216,7 +220,7 @@ impl Place {
         self.path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."))
     }
 
-    /// Brings the name to the disk; not every file system can.
+    /// Writes the folder entry to disk, where the file system supports it.
     fn sync_folder(&self) {
         let _ = File::open(self.folder()).and_then(|folder| folder.sync_all());
     }
@@ -229,12 +233,13 @@ impl Place {
     }
 }
 
-/// Adds the file name to a system error, for writers without one.
+/// Adds the file name to a system error, because the callers of [`Write`] do not know it.
 fn named(path: &Path, problem: io::Error) -> io::Error {
     io::Error::new(problem.kind(), OutputError::io(path, problem))
 }
 
-/// Output without a temporary file: standard output, a pipe, a device.
+/// Opens an output that is written without a temporary file: standard output, a pipe, a device. `None` for a
+/// regular file.
 fn direct(path: &Path) -> Result<Option<File>, OutputError> {
     let refused = |problem| OutputError::io(path, problem);
     if path == Path::new(STDOUT) {
@@ -250,8 +255,8 @@ fn direct(path: &Path) -> Result<Option<File>, OutputError> {
     }
 }
 
-/// A named pipe, once somebody reads it. Opening it would wait for a reader without end, and no signal
-/// would end that.
+/// Opens a named pipe once a reader has opened it. A blocking `open` would wait for the reader without limit,
+/// and could not be interrupted.
 fn pipe(path: &Path) -> io::Result<File> {
     let until = Instant::now() + READER_PATIENCE;
     loop {
@@ -368,7 +373,7 @@ mod tests {
         assert_eq!(fs::read_to_string(&path).unwrap(), "later");
         grown.handle().unwrap().write_all(b", longer").unwrap();
         assert_eq!(fs::read_to_string(&path).unwrap(), "later, longer");
-        // One that never appeared.
+        // A file dropped before it has got its name.
         drop(Outputs::new(false).grow(&folder.path().join("b")).unwrap());
         assert_eq!(names(folder.path()), ["a.mcap"]);
     }

@@ -30,10 +30,10 @@ use std::borrow::Cow;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Name that stands for standard output.
+/// File name of standard output on the command line.
 pub const STDOUT: &str = "-";
 
-/// The option of every command that writes files.
+/// The `--force` option of commands that write files.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::Args)]
 pub struct Force {
     /// Overwrite existing files.
@@ -41,21 +41,21 @@ pub struct Force {
     pub force: bool,
 }
 
-/// Why something cannot be written.
+/// Why an output is refused or cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum OutputError {
-    /// There is a file of that name.
+    /// A file of that name exists.
     #[error("{path}: already exists; use --force to overwrite it")]
     Exists {
         /// The file.
         path: String,
     },
-    /// The command reads that file.
+    /// The output is an input of the same command.
     #[error("{path}: is an input of the command ({input}) and would be overwritten")]
     Input {
         /// The output.
         path: String,
-        /// The input.
+        /// The same file, under the input's name.
         input: String,
     },
     /// Two outputs of one command have the same name.
@@ -64,18 +64,18 @@ pub enum OutputError {
         /// The name.
         path: String,
     },
-    /// Another program is still writing it.
+    /// Another program is still writing the file.
     #[error("{path}: another program is writing it; choose another name")]
     InUse {
         /// The file.
         path: String,
     },
-    /// A folder instead of a file, or a file instead of a folder.
+    /// The path is a folder where a file is expected, or a file where a folder is expected.
     #[error("{path}: expected {expected}")]
     Kind {
         /// The name.
         path: String,
-        /// What was expected.
+        /// What was expected and what was found.
         expected: &'static str,
     },
     /// The operating system refused.
@@ -83,22 +83,22 @@ pub enum OutputError {
     Io {
         /// The file or folder.
         path: String,
-        /// The system's answer.
+        /// The system's error.
         #[source]
         problem: io::Error,
     },
 }
 
 impl OutputError {
-    /// The system's answer about the output `path`.
+    /// Wraps a system error on the output `path`. An [`OutputError`] inside `problem` is returned unchanged.
     pub fn io(path: &Path, problem: io::Error) -> Self {
-        // An error of a writer here names the file already.
+        // Errors of this crate's writers already name the file.
         let named = |problem| OutputError::Io { path: path.display().to_string(), problem };
         problem.downcast().unwrap_or_else(named)
     }
 }
 
-/// Plain words for the system's frequent errors.
+/// Describes the frequent system errors in plain words.
 pub fn plainly(problem: &io::Error) -> String {
     match problem.kind() {
         io::ErrorKind::StorageFull => "the disk is full".into(),
@@ -110,7 +110,7 @@ pub fn plainly(problem: &io::Error) -> String {
     }
 }
 
-/// Text for a table cell. An apostrophe precedes anything that a spreadsheet would interpret as a formula.
+/// Text for a table cell: precedes with an apostrophe what a spreadsheet would interpret as a formula.
 pub fn no_formula(text: &str) -> Cow<'_, str> {
     match text.starts_with(['=', '+', '-', '@', '\t', '\r']) {
         true => Cow::Owned(format!("'{text}")),
@@ -118,8 +118,9 @@ pub fn no_formula(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// The first of `file`, `file-2`, `file-3` … from the `number`th on (0 is the name itself) that
-/// does not exist; with `force` the `number`th itself.
+/// The first path of `file`, `file-2`, `file-3` and so on that does not exist, counted from index `number`
+/// on; index 0 is `file` itself, which is returned even if it exists. With `force`, the path of index
+/// `number`.
 pub fn numbered(file: &Path, number: u32, force: bool) -> PathBuf {
     let name = |n: u32| match n {
         0 => file.to_path_buf(),

@@ -2,9 +2,9 @@
 
 use std::borrow::Cow;
 
-/// A text that a terminal may show, whoever wrote it: control characters, with which a text could
-/// move the cursor or change what stands there, become their pictures (`␛`), other invisible ones
-/// that change the order of letters become replacement characters. Ends of lines and tabs stay.
+/// Escapes control and bidirectional characters of untrusted text, which could move the cursor or reorder the
+/// line. Control characters become their Unicode pictures (`␛`), or `\u{fffd}` if they have none, as
+/// bidirectional marks do. Line feeds and tabs are kept.
 pub fn printable(text: &str) -> Cow<'_, str> {
     if !text.chars().any(is_hidden) {
         return Cow::Borrowed(text);

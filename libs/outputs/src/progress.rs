@@ -1,4 +1,4 @@
-//! Progress display, on terminals only.
+//! Progress bars, shown on standard error if it is a terminal.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
@@ -22,7 +22,7 @@ pub fn files_bar(files: u64, what: &'static str) -> ProgressBar {
     styled(Some(files), "{msg} {wide_bar} {pos}/{len} {eta}", what)
 }
 
-/// Counter without a known total.
+/// A counter without a known total.
 pub fn counter(what: &'static str) -> ProgressBar {
     styled(None, "{spinner} {human_pos} {msg} ({per_sec})", what)
 }

@@ -1,4 +1,4 @@
-//! A folder for temporary files, deleted when the command ends, in whatever way.
+//! A folder for temporary files, deleted when the command ends, also after an error or a signal.
 
 use super::OutputError;
 use std::fs::{self, Permissions};
@@ -7,19 +7,19 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use tempfile::{Builder, TempDir};
 
-/// Existing folders of this program.
+/// Existing scratch folders of this program.
 static FOLDERS: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-/// A folder of an unlikely name in the system's place for such (`TMPDIR`), which only its owner can read:
-/// what lies in it may be of a person. Dropped, it is gone with all that it holds.
+/// A private temporary folder in `TMPDIR` (mode 0700, it may hold personal data), deleted with its contents
+/// on drop.
 #[derive(Debug)]
 pub struct Scratch(TempDir);
 
 impl Scratch {
-    /// Makes one.
+    /// Creates a scratch folder.
     ///
     /// # Errors
-    /// Where the system refuses.
+    /// If the folder cannot be created.
     pub fn new() -> Result<Self, OutputError> {
         let folder = Builder::new().prefix("vitreo-").permissions(Permissions::from_mode(0o700)).tempdir();
         let folder = folder.map_err(|e| OutputError::io(&std::env::temp_dir(), e))?;
@@ -27,7 +27,7 @@ impl Scratch {
         Ok(Scratch(folder))
     }
 
-    /// Where it is.
+    /// Path of the folder.
     pub fn path(&self) -> &Path {
         self.0.path()
     }
@@ -39,7 +39,7 @@ impl Drop for Scratch {
     }
 }
 
-/// Removes all existing ones, for a program that is about to exit.
+/// Removes all existing scratch folders, for a program that is about to exit.
 pub(super) fn remove_all() {
     let folders = FOLDERS.lock().unwrap_or_else(PoisonError::into_inner);
     folders.iter().for_each(|folder| drop(fs::remove_dir_all(folder)));

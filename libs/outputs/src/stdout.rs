@@ -1,5 +1,5 @@
-//! Standard output that can fail: a pipe closed by its reader, a closed terminal, a full disk. The standard
-//! macros end the program there, and with it whatever it had yet to do.
+//! Standard output that can fail (a pipe closed by its reader, a closed terminal, a full disk) without a
+//! panic. The macros of the standard library panic on a closed pipe.
 
 use super::plainly;
 use crate::printable;
@@ -11,26 +11,26 @@ use std::sync::OnceLock;
 
 static FAILURE: OnceLock<io::ErrorKind> = OnceLock::new();
 
-/// As the standard macro, but a closed standard output ends nothing.
+/// As [`std::print!`], but without a panic if standard output is closed.
 #[macro_export]
 macro_rules! print {
     ($($text:tt)*) => { $crate::write_to_stdout(::std::format_args!($($text)*), false) };
 }
 
-/// As the standard macro, but a closed standard output ends nothing.
+/// As [`std::println!`], but without a panic if standard output is closed.
 #[macro_export]
 macro_rules! println {
     () => { $crate::write_to_stdout(::std::format_args!(""), true) };
     ($($text:tt)*) => { $crate::write_to_stdout(::std::format_args!($($text)*), true) };
 }
 
-/// Writes to standard output, with a line's end if asked. After a first failure nothing more is
-/// written, and [`standard_output_failure`] returns it.
+/// Writes to standard output, with a line feed if `line`. After the first failure nothing more is written;
+/// [`standard_output_failure`] returns that failure.
 pub fn write_to_stdout(text: Arguments<'_>, line: bool) {
     if FAILURE.get().is_some() {
         return;
     }
-    // Texts from files and other programs must not command the terminal.
+    // Texts from files and other programs must not control the terminal.
     let (text, mut out) = (text.to_string(), io::stdout().lock());
     let written = out.write_all(printable(&text).as_bytes());
     let written = written.and_then(|()| if line { out.write_all(b"\n") } else { Ok(()) });
@@ -39,8 +39,8 @@ pub fn write_to_stdout(text: Arguments<'_>, line: bool) {
     }
 }
 
-/// Why standard output did not take everything; for the end of a program, which writes out what is
-/// still buffered. Nothing where its reader went away: he has seen enough.
+/// Flushes standard output at the end of a program and returns the first error. `None` if the reader closed
+/// the pipe.
 pub fn standard_output_failure() -> Option<io::ErrorKind> {
     if let Err(problem) = io::stdout().flush() {
         let _ = FAILURE.set(problem.kind());
@@ -48,15 +48,16 @@ pub fn standard_output_failure() -> Option<io::ErrorKind> {
     FAILURE.get().copied().filter(|kind| *kind != io::ErrorKind::BrokenPipe)
 }
 
-/// The exit code of a program: that of what it has done, but success where the reader of its output closed
-/// the pipe, and failure where standard output did not take everything. `fail` and `warn` say why.
+/// The exit code of a program. A pipe closed by its reader counts as success; any other failure of standard
+/// output turns success into failure. `fail` reports the program's error and returns its exit code, `warn`
+/// reports the failure of standard output.
 pub fn exit_code<E: AsRef<dyn Error + 'static>>(
     done: Result<ExitCode, E>,
     fail: impl FnOnce(&E) -> ExitCode,
     warn: impl FnOnce(&str),
 ) -> ExitCode {
     let code = done.unwrap_or_else(|error| {
-        // He has seen enough of it.
+        // The reader closed the pipe, which is no failure.
         if is_broken_pipe(error.as_ref()) { ExitCode::SUCCESS } else { fail(&error) }
     });
     match standard_output_failure() {

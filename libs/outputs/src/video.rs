@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 /// Formats of films.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum VideoFormat {
-    /// H.264 in fragmented MP4: every player shows it.
+    /// H.264 in fragmented MP4, which every player can show.
     Mp4,
-    /// YUV4MPEG2: without compression, nothing lost, a hundred times as large.
+    /// YUV4MPEG2: uncompressed and lossless, about a hundred times as large.
     Y4m,
 }
 
 impl VideoFormat {
-    /// By the ending of a name, in capitals or not.
+    /// The format of a path's extension, in either case; `None` for other extensions.
     pub fn of(path: &Path) -> Option<Self> {
         match path.extension()?.to_ascii_lowercase().to_str()? {
             "mp4" => Some(VideoFormat::Mp4),
@@ -22,10 +22,10 @@ impl VideoFormat {
     }
 }
 
-/// The name of a film on the command line.
+/// Parses the file name of a film on the command line.
 ///
 /// # Errors
-/// Where its ending is that of no format.
+/// If the extension is not that of a format.
 pub fn video_file(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     match VideoFormat::of(&path) {
