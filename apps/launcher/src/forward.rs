@@ -3,7 +3,7 @@
 use anyhow::Context;
 use ipc::logging::arguments;
 use ipc::programs::command;
-use settings::{SettingsArgs, TOLD};
+use settings::{ALREADY_REPORTED, SettingsArgs};
 use std::ffi::OsString;
 use std::os::unix::process::CommandExt;
 use std::process::ExitCode;
@@ -31,7 +31,7 @@ pub fn to(
 ) -> anyhow::Result<ExitCode> {
     let mut command = command(binary)?;
     command.arg0(called).args(sub_command).args(arguments()).args(settings.to_arguments());
-    command.args(&args.rest).env(TOLD, "1");
+    command.args(&args.rest).env(ALREADY_REPORTED, "1");
     Err(command.exec()).with_context(|| format!("start {binary}"))
 }
 
@@ -42,7 +42,7 @@ pub fn to(
 /// Where the binary cannot be started; it does not return otherwise.
 pub fn whole(binary: &str) -> anyhow::Result<ExitCode> {
     let mut command = command(binary)?;
-    command.arg0("vitreo").args(std::env::args_os().skip(1)).env(TOLD, "1");
+    command.arg0("vitreo").args(std::env::args_os().skip(1)).env(ALREADY_REPORTED, "1");
     Err(command.exec()).with_context(|| format!("start {binary}"))
 }
 

@@ -1,4 +1,4 @@
-//! Inserts settings from files before the typed arguments, so that the latter take precedence.
+//! Turns settings of files into arguments before the typed ones, so that the typed ones take precedence.
 
 use crate::check::{can_be_set, check, exclude_each_other, is_on, option_of, words};
 use crate::files::Files;
@@ -19,10 +19,11 @@ struct Setting<'e> {
     words: Vec<String>,
 }
 
-/// Parses a command line (the program's name first) with the settings of files.
+/// Parses a command line, program name first, together with the settings of files.
 ///
 /// # Errors
-/// Where the command line is refused or asks for help, or a file is refused.
+/// [`Refusal::CommandLine`] if clap rejects the command line or prints help, [`Refusal::File`] if a settings
+/// file cannot be read or is invalid.
 pub fn matches(
     command: Command,
     program: &Program,
@@ -31,7 +32,8 @@ pub fn matches(
 ) -> Result<ArgMatches, Refusal> {
     let command = with_flags_turned_off(command, &typed);
     let plain = |command: Command| command.try_get_matches_from(&typed).map_err(Refusal::CommandLine);
-    // As far as it can be understood without what files may add. Help needs no file.
+    // What clap understands of the line alone: options that it requires may still come from files. `Err`
+    // means help or version, which need no file.
     let Ok(understood) = command.clone().ignore_errors(true).try_get_matches_from(&typed) else {
         return plain(command);
     };
@@ -45,16 +47,16 @@ pub fn matches(
         Ok(entries) => winners(entries),
         Err(problem) => return Err(Refusal::File(problem, Box::new(understood))),
     };
-    let settings = standing(&built, program, files, &understood, &entries);
+    let settings = not_overridden(&built, program, files, &understood, &entries);
     if settings.is_empty() {
         return plain(command);
     }
-    let places = places(&command, &typed, chain(&understood).len());
-    let line = |settings: &[&Setting<'_>]| with_words(&typed, &places, settings);
+    let offsets = argument_offsets(&command, &typed, chain(&understood).len());
+    let line = |settings: &[&Setting<'_>]| with_words(&typed, &offsets, settings);
     let all: Vec<&Setting<'_>> = settings.iter().collect();
     match command.clone().try_get_matches_from(line(&all)) {
         Err(error) if error.kind() == ErrorKind::MissingRequiredArgument => {
-            let able = those_with_what_they_need(&command, &all, &line);
+            let able = with_requirements_met(&command, &all, &line);
             command.try_get_matches_from(line(&able)).map_err(Refusal::CommandLine)
         }
         other => other.map_err(Refusal::CommandLine),
@@ -65,7 +67,7 @@ fn reads_files(understood: &ArgMatches, program: &Program) -> bool {
     let own = understood.subcommand_name().is_some_and(|name| !program.without.contains(&name));
     let away = |m: &ArgMatches| m.try_get_one::<bool>("no_config").ok().flatten() == Some(&true);
     let elsewhere = understood.subcommand_name().is_some_and(|name| {
-        // Tables of another program: that program reads them.
+        // These tables belong to another program, which reads them itself.
         program.elsewhere.is_some_and(|tables| tables.contains(&name))
     });
     own && !elsewhere && !away(understood) && !chain(understood).iter().any(|(_, m)| away(m))
@@ -82,19 +84,19 @@ fn chain(matches: &ArgMatches) -> Vec<(&str, &ArgMatches)> {
     all
 }
 
-/// A flag that a file turns on is turned off by `--flag=false`. Only where that is typed the flag
-/// takes a value, so that help and messages show it as it is.
+/// Lets `--flag=false` turn off a flag that a file turns on. Only flags typed with a value get the ability to
+/// take one, so that help and messages still show them without.
 fn with_flags_turned_off(command: Command, typed: &[OsString]) -> Command {
-    let typed_so: BTreeSet<String> = typed
+    let typed_with_value: BTreeSet<String> = typed
         .iter()
         .filter_map(|word| word.to_str()?.strip_prefix("--")?.split_once('='))
         .filter(|(_, value)| matches!(*value, "true" | "false"))
         .map(|(name, _)| name.to_owned())
         .collect();
-    if typed_so.is_empty() { command } else { take_truths(command, &typed_so) }
+    if typed_with_value.is_empty() { command } else { accept_values(command, &typed_with_value) }
 }
 
-fn take_truths(command: Command, flags: &BTreeSet<String>) -> Command {
+fn accept_values(command: Command, flags: &BTreeSet<String>) -> Command {
     let named = |arg: &clap::Arg| arg.get_long().is_some_and(|l| flags.contains(l) && l != NO_CONFIG);
     let command = command.mut_args(|arg| {
         if !named(&arg) || !matches!(arg.get_action(), ArgAction::SetTrue) {
@@ -103,10 +105,10 @@ fn take_truths(command: Command, flags: &BTreeSet<String>) -> Command {
         let arg = arg.action(ArgAction::Set).num_args(0..=1).require_equals(true);
         arg.default_missing_value("true").default_value("false").value_parser(ValueParser::bool())
     });
-    command.mut_subcommands(|below| take_truths(below, flags))
+    command.mut_subcommands(|below| accept_values(below, flags))
 }
 
-/// One command of the line: its table in the files and its typed arguments.
+/// A command of the line, with its table in the files and its typed arguments.
 struct Level<'c> {
     command: &'c Command,
     understood: &'c ArgMatches,
@@ -114,7 +116,8 @@ struct Level<'c> {
     depth: usize,
 }
 
-/// The commands of a line, outermost first; the first has the top of the files.
+/// The commands of a line, outermost first. The first level is the program itself with the keys at the top of
+/// the files.
 fn levels<'c>(built: &'c Command, program: &Program, understood: &'c ArgMatches) -> Vec<Level<'c>> {
     let prefix: Vec<String> =
         Some(program.prefix).filter(|p| !p.is_empty()).map(str::to_owned).into_iter().collect();
@@ -125,7 +128,7 @@ fn levels<'c>(built: &'c Command, program: &Program, understood: &'c ArgMatches)
         depth,
     };
     let chain = chain(understood);
-    // Global options may be typed anywhere; the innermost command has all of them.
+    // Global options may be typed after any sub-command; clap collects all of them in the innermost one.
     let deepest = chain.last().map_or(understood, |(_, m)| *m);
     let mut levels = vec![level(built, deepest, &[], 0)];
     if !prefix.is_empty() {
@@ -136,7 +139,7 @@ fn levels<'c>(built: &'c Command, program: &Program, understood: &'c ArgMatches)
         let Some(found) = command.find_subcommand(name) else { break };
         command = found;
         table.push(name.to_owned());
-        // Such a command accepts its own options only without a sub-command.
+        // A command whose arguments conflict with sub-commands accepts its own options only without one.
         if below.subcommand_name().is_none() || !command.is_args_conflicts_with_subcommands_set() {
             levels.push(level(command, below, &table, depth + 1));
         }
@@ -144,8 +147,8 @@ fn levels<'c>(built: &'c Command, program: &Program, understood: &'c ArgMatches)
     levels
 }
 
-/// The settings that the command line leaves standing, with their words.
-fn standing<'e>(
+/// Settings that the command line does not override, as arguments.
+fn not_overridden<'e>(
     built: &Command,
     program: &Program,
     files: &Files,
@@ -154,10 +157,10 @@ fn standing<'e>(
 ) -> Vec<Setting<'e>> {
     let mut settings: Vec<Setting<'e>> = Vec::new();
     let innermost = chain(understood).len();
-    // For global options in several tables the innermost table takes precedence.
+    // If several tables set a global option, the innermost table takes precedence.
     for level in levels(built, program, understood).iter().rev() {
         let own: Vec<&Entry> = entries.iter().filter(|e| e.table == level.table).collect();
-        for entry in own.iter().filter(|entry| is_on(entry) && !loses(entry, level, files, &own)) {
+        for entry in own.iter().filter(|entry| is_on(entry) && !is_overridden(entry, level, files, &own)) {
             let Some(arg) = option_of(level.command, &entry.key) else { continue };
             let global = arg.is_global_set();
             if global && settings.iter().any(|s| s.entry.key == entry.key) {
@@ -167,13 +170,13 @@ fn standing<'e>(
             settings.extend(words(arg, &entry.value).ok().map(|words| Setting { entry, depth, words }));
         }
     }
-    // Several values of one option end where the next option begins.
+    // Options with separate values come first: a list of values ends at the next option.
     settings.sort_by_key(|s| s.words.first().is_some_and(|w| w.contains('=')));
     settings
 }
 
-/// Whether the command line, a later file or the logging variable overrides a setting.
-fn loses(entry: &Entry, level: &Level<'_>, files: &Files, own: &[&Entry]) -> bool {
+/// True if the command line, a later file or the logging variable overrides a setting.
+fn is_overridden(entry: &Entry, level: &Level<'_>, files: &Files, own: &[&Entry]) -> bool {
     let exclude = |other: &str| exclude_each_other(level.command, other, &entry.key);
     let typed = typed_options(level.command, level.understood);
     let logs = files.log_variable || typed.iter().any(|t| LOGGING.contains(&t.as_str()));
@@ -182,7 +185,7 @@ fn loses(entry: &Entry, level: &Level<'_>, files: &Files, own: &[&Entry]) -> boo
         || (logs && LOGGING.contains(&entry.key.as_str()))
 }
 
-/// Long names of the typed options.
+/// Names of the typed options: the long name, or the id of an argument without one.
 fn typed_options(command: &Command, understood: &ArgMatches) -> Vec<String> {
     let typed = command.get_arguments().filter(|arg| {
         let source = understood.try_contains_id(arg.get_id().as_str()).ok();
@@ -191,28 +194,28 @@ fn typed_options(command: &Command, understood: &ArgMatches) -> Vec<String> {
     typed.map(|arg| arg.get_long().map_or_else(|| arg.get_id().to_string(), str::to_owned)).collect()
 }
 
-/// Behind which word of the line each command's own words begin: the program's, its sub-command's, … down to
-/// `deepest`. The rest, perhaps thousands of files, is not examined.
-fn places(command: &Command, typed: &[OsString], deepest: usize) -> Vec<usize> {
-    let mut places = vec![1];
+/// Index of the first argument of each sub-command down to depth `deepest`, starting with the program's own
+/// arguments. The arguments after that, perhaps thousands of files, are not examined.
+fn argument_offsets(command: &Command, typed: &[OsString], deepest: usize) -> Vec<usize> {
+    let mut offsets = vec![1];
     for end in 2..=typed.len() {
-        if places.len() > deepest {
+        if offsets.len() > deepest {
             break;
         }
         let part = command.clone().ignore_errors(true).try_get_matches_from(&typed[..end]);
         let depth = part.map_or(0, |m| chain(&m).len());
-        while places.len() <= depth {
-            places.push(end);
+        while offsets.len() <= depth {
+            offsets.push(end);
         }
     }
-    places
+    offsets
 }
 
-fn with_words(typed: &[OsString], places: &[usize], settings: &[&Setting<'_>]) -> Vec<OsString> {
+fn with_words(typed: &[OsString], offsets: &[usize], settings: &[&Setting<'_>]) -> Vec<OsString> {
     let mut line = Vec::new();
     for (number, word) in typed.iter().enumerate() {
         line.push(word.clone());
-        for (depth, _) in places.iter().enumerate().filter(|(_, place)| **place == number + 1) {
+        for (depth, _) in offsets.iter().enumerate().filter(|(_, offset)| **offset == number + 1) {
             let own = settings.iter().filter(|s| s.depth == depth);
             line.extend(own.flat_map(|s| s.words.iter().map(|w| OsStr::new(w).to_owned())));
         }
@@ -220,9 +223,8 @@ fn with_words(typed: &[OsString], places: &[usize], settings: &[&Setting<'_>]) -
     line
 }
 
-/// Those settings whose options do not miss another that they need: a setting is used where its
-/// option can be.
-fn those_with_what_they_need<'s, 'e>(
+/// Drops settings whose required option is absent from both the command line and the other settings.
+fn with_requirements_met<'s, 'e>(
     command: &Command,
     settings: &[&'s Setting<'e>],
     line: &impl Fn(&[&Setting<'_>]) -> Vec<OsString>,
@@ -250,7 +252,7 @@ fn those_with_what_they_need<'s, 'e>(
             !usable
         });
         if able.len() == before {
-            // In the order of the files again: words of one option stay together.
+            // In the order of the files again, so that the values of one option stay together.
             able.sort_by_key(|s| settings.iter().position(|o| std::ptr::eq(o.entry, s.entry)));
             return able;
         }

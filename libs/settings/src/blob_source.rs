@@ -1,4 +1,4 @@
-//! Sources of `--blobs`: a file, a pipe, standard input, or a port that waits for a writer.
+//! Sources of `--blobs`: a file, a pipe, standard input, or a TCP port that waits for a writer.
 
 use protocol::file::STDIN;
 use std::fs::{File, metadata};
@@ -7,25 +7,25 @@ use std::net::{SocketAddr, ToSocketAddrs};
 use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 
-/// With this a port begins; a file of such a name is `./tcp:…`.
+/// Prefix of a port. A file whose name begins like this is written `./tcp:…`.
 const TCP: &str = "tcp:";
-/// Where a port without an address listens: programs of this machine alone can write.
+/// Address of a port without a host: only programs on this machine can connect.
 const HERE: &str = "127.0.0.1";
 
-/// Where a stream of blobs comes from.
+/// Source of a stream of blobs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum BlobSource {
     /// A file, a pipe or a terminal.
     Path(PathBuf),
-    /// Whoever connects to this address of ours, `HOST:PORT`.
+    /// A listening socket at this `HOST:PORT`, for the program that connects to it.
     Tcp(String),
 }
 
 impl BlobSource {
-    /// Value of `--blobs`.
+    /// Parses the value of `--blobs`.
     ///
     /// # Errors
-    /// A port that is none.
+    /// If the text after `tcp:` is not a port or a host with a port.
     pub fn of(given: &Path) -> Result<Self, String> {
         let Some(address) = given.to_str().and_then(|text| text.strip_prefix(TCP)) else {
             return Ok(BlobSource::Path(given.to_owned()));
@@ -38,7 +38,7 @@ impl BlobSource {
         }
     }
 
-    /// Whether a stream is read while it is made, and not a file that is played.
+    /// True if a stream is read while it is written, false for a file that is played.
     pub fn is_live(&self) -> bool {
         let path = match self {
             BlobSource::Tcp(_) => return true,
@@ -50,18 +50,18 @@ impl BlobSource {
     }
 }
 
-/// Addresses of `HOST:PORT`.
+/// Resolves `HOST:PORT`.
 ///
 /// # Errors
-/// Where there is none.
+/// If it does not resolve.
 pub fn addresses(host_and_port: &str) -> std::io::Result<Vec<SocketAddr>> {
     Ok(host_and_port.to_socket_addrs()?.collect())
 }
 
-/// Reads the value of `--blobs`.
+/// Checks the value of `--blobs` and returns it unchanged.
 ///
 /// # Errors
-/// A port that is none.
+/// If it is an invalid port.
 pub fn blob_source(given: &str) -> Result<PathBuf, String> {
     BlobSource::of(Path::new(given)).map(|_| given.into())
 }

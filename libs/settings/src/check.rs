@@ -7,20 +7,20 @@ use clap::{Arg, ArgAction, Command};
 use std::any::TypeId;
 use std::error::Error;
 
-/// Whether an option can be set by a file.
+/// True if a file can set the option.
 pub fn can_be_set(arg: &Arg) -> bool {
     arg.get_long().is_some_and(|long| !ONLY_TYPED.contains(&long))
 }
 
-/// The option that a key of this command's table sets.
+/// The option that a key in the command's table sets.
 pub fn option_of<'c>(command: &'c Command, key: &str) -> Option<&'c Arg> {
     command.get_arguments().find(|arg| arg.get_long() == Some(key) && can_be_set(arg))
 }
 
-/// Checks everything that the files say to this program. `command` is built.
+/// Validates the entries for this program. `command` must be built.
 ///
 /// # Errors
-/// The first thing that cannot be meant.
+/// The first invalid entry: unknown table or key, wrong value, or conflict with another entry of its file.
 pub fn check(command: &Command, program: &Program, entries: &[Entry]) -> Result<(), Problem> {
     for entry in entries {
         if let Some(table) = table_of(command, program, entry)? {
@@ -40,19 +40,19 @@ pub fn check(command: &Command, program: &Program, entries: &[Entry]) -> Result<
     Ok(())
 }
 
-/// Whether an entry gives an option at all.
+/// False for a flag that is set to false, which gives no argument.
 pub fn is_on(entry: &Entry) -> bool {
     entry.value != Value::Truth(false)
 }
 
-/// Whether clap refuses two options of one command together.
+/// True if two options of a command conflict.
 pub fn exclude_each_other(command: &Command, one: &str, other: &str) -> bool {
     let (Some(a), Some(b)) = (option_of(command, one), option_of(command, other)) else { return false };
     let names = |a: &Arg, b: &Arg| command.get_arg_conflicts_with(a).iter().any(|c| c.get_id() == b.get_id());
     names(a, b) || names(b, a)
 }
 
-/// Command of an entry's table; `None` if it belongs to another program.
+/// The command of an entry's table; `None` if the table belongs to another program.
 fn table_of<'c>(
     command: &'c Command,
     program: &Program,
@@ -68,7 +68,7 @@ fn table_of<'c>(
             _ => return Ok(None),
         }
     }
-    // The program that owns these tables checks them.
+    // These tables are checked by the program that owns them.
     let tables = program.elsewhere.unwrap_or_default();
     if path.first().is_some_and(|first| tables.contains(&first.as_str())) {
         return Ok(None);
@@ -97,12 +97,12 @@ fn unknown_table(at: &Command, program: &Program, entry: &Entry, depth: usize) -
     Problem { file: entry.file.clone(), line: Some(entry.line), text }
 }
 
-/// At the top of a file stand options that every command takes.
+/// True if the option can be in the table: only options of all commands can be at the top of a file.
 pub fn may_stand_in(table: &[String], arg: &Arg) -> bool {
     !table.is_empty() || arg.is_global_set()
 }
 
-/// Whether a key is an option of the command and its value one that the option takes.
+/// Checks that a key is an option of the command and that the option accepts the value.
 fn check_entry(command: &Command, entry: &Entry) -> Result<(), Problem> {
     let Some(arg) = option_of(command, &entry.key).filter(|arg| may_stand_in(&entry.table, arg)) else {
         return Err(unknown_key(command, entry));
@@ -147,7 +147,7 @@ fn unknown_key(command: &Command, entry: &Entry) -> Problem {
     entry.problem(format!("expected an option that {name}, found {}{nearest}", entry.key))
 }
 
-/// Expected and actual value of an option, in words.
+/// Expected and actual value of an option, as the text of an error.
 fn expected(arg: &Arg, error: &clap::Error, value: &Value) -> String {
     let possible: Vec<String> = arg
         .get_possible_values()
@@ -176,7 +176,7 @@ fn expected(arg: &Arg, error: &clap::Error, value: &Value) -> String {
         Some(ContextValue::String(value)) => format!("; did you mean {value}?"),
         _ => String::new(),
     };
-    // A parser's own words say more than a type.
+    // The parser's own error is more precise than the type.
     let reason = error.source().map(|cause| format!(" ({cause})")).unwrap_or_default();
     format!("expected {wanted}, found {value}{suggested}{reason}")
 }
@@ -184,7 +184,7 @@ fn expected(arg: &Arg, error: &clap::Error, value: &Value) -> String {
 /// A setting as command-line arguments; none if it turns a flag off.
 ///
 /// # Errors
-/// Expected form, if the value's type does not fit the option.
+/// The expected form, if the value's type does not fit the option.
 pub fn words(arg: &Arg, value: &Value) -> Result<Vec<String>, String> {
     let name = arg.get_long().unwrap_or_default();
     let with = |text: &str| format!("--{name}={text}");
@@ -208,15 +208,15 @@ pub fn words(arg: &Arg, value: &Value) -> Result<Vec<String>, String> {
     }
 }
 
-/// Known name nearest to the given one, if one is near.
+/// The known name with the smallest edit distance, if that distance is small.
 fn nearest<'a>(written: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let ranked = known.map(|name| (distance(written, name), name));
     let (distance, name) = ranked.min_by_key(|(d, name)| (*d, name.len().abs_diff(written.len())))?;
     (distance <= written.chars().count().max(3) / 3 + 1).then_some(name)
 }
 
-/// Letters to put in, take out, change or swap with the next to make one text of another
-/// (Damerau and Levenshtein, each place touched once).
+/// Edit distance in characters: insertions, deletions, substitutions and swaps of neighbours (Damerau and
+/// Levenshtein, restricted: no substring is edited twice).
 fn distance(one: &str, other: &str) -> usize {
     let (a, b): (Vec<char>, Vec<char>) = (one.chars().collect(), other.chars().collect());
     let mut rows = vec![(0..=b.len()).collect::<Vec<usize>>()];

@@ -1,4 +1,4 @@
-//! All options that can be set, and the source of each value.
+//! Lists all options that files can set, with default, example and help.
 
 use crate::Program;
 use crate::apply::settable;
@@ -20,15 +20,15 @@ pub struct SettableOption {
     pub key: String,
     /// Help text of the option.
     pub help: String,
-    /// The built-in value as TOML writes it, if there is one.
+    /// The default as TOML, if there is one.
     pub default: Option<String>,
-    /// A value of the right form as TOML writes it.
+    /// A valid or typical value as TOML.
     pub example: String,
-    /// Not for everyday use.
+    /// True for options that are hidden from help.
     pub hidden: bool,
 }
 
-/// Everything that files can set of a program.
+/// All options of a program that files can set.
 pub fn options(mut command: Command, program: &Program) -> Vec<SettableOption> {
     command.build();
     let mut all = Vec::new();
@@ -44,7 +44,7 @@ pub fn options(mut command: Command, program: &Program) -> Vec<SettableOption> {
 }
 
 impl Program {
-    /// Whether a sub-command takes no settings here.
+    /// True if a sub-command has no settings in this program.
     fn is_other(&self, name: &str) -> bool {
         let elsewhere = self.elsewhere.is_some_and(|tables| tables.contains(&name));
         name == "help" || elsewhere || self.without.contains(&name)
@@ -83,16 +83,16 @@ fn option(table: &str, about: &str, arg: &Arg) -> SettableOption {
     }
 }
 
-/// The options for another program of this build.
+/// Serialises the options for another program of this build.
 pub fn to_json(options: &[SettableOption]) -> String {
-    // Texts and truths only: there is nothing that JSON could not hold.
+    // Texts and booleans only, which JSON can always represent.
     serde_json::to_string(options).unwrap_or_default()
 }
 
-/// What another program of this build answered.
+/// Parses the output of [`to_json`] of another program of this build.
 ///
 /// # Errors
-/// Where it is something else.
+/// If the text is not such a list.
 pub fn from_json(text: &str) -> Result<Vec<SettableOption>, serde_json::Error> {
     serde_json::from_str(text)
 }

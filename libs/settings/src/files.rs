@@ -8,30 +8,30 @@ use std::io::ErrorKind;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// Name of a file of settings.
+/// Name of a settings file.
 pub const NAME: &str = "vitreo.toml";
 /// User id of root.
 const ROOT: u32 = 0;
-/// The folder of the one for all users of a machine.
+/// Folder of the settings file for all users of the machine.
 const SYSTEM: &str = "/etc/vitreo";
 
-/// The files that are looked for; later ones win.
+/// Search path of the settings files; later files take precedence.
 #[derive(Debug, Clone, Default)]
 pub struct Files {
-    /// In order, whether they exist or not.
+    /// Paths in order of precedence, lowest first: machine, user, current folder. The files may be missing.
     pub paths: Vec<PathBuf>,
-    /// Whether the variable of logging is set.
+    /// True if the environment variable of logging is set.
     pub log_variable: bool,
-    /// Why the last one, that of the folder, is not read.
+    /// Why the file in the current folder is ignored.
     pub passed_over: Option<String>,
 }
 
 impl Files {
-    /// Those of this machine, this user and this folder.
+    /// Search path for this machine, this user and the current folder.
     pub fn of_this_machine() -> Self {
         let found = Files::from_variables(|name| std::env::var_os(name));
         let passed_over =
-            found.paths.last().and_then(|path| strange(path, rustix::process::geteuid().as_raw()));
+            found.paths.last().and_then(|path| reason_to_distrust(path, rustix::process::geteuid().as_raw()));
         Files { passed_over, ..found }
     }
 
@@ -44,7 +44,7 @@ impl Files {
         Files { paths, log_variable, passed_over: None }
     }
 
-    /// The user's own file: between the machine's and the folder's. `None` without a home.
+    /// Path of the user's own file; `None` without a home folder.
     pub fn of_user(&self) -> Option<&Path> {
         match &self.paths[..] {
             [_, own, _] => Some(own),
@@ -52,10 +52,10 @@ impl Files {
         }
     }
 
-    /// Everything that the files say, in their order.
+    /// Reads all files; returns their entries in the order of the files.
     ///
     /// # Errors
-    /// Where one cannot be read, or is no TOML of this form.
+    /// If a file exists but cannot be read, or is not valid TOML for settings.
     pub fn entries(&self) -> Result<Vec<Entry>, Problem> {
         let mut entries = Vec::new();
         let read_here = self.paths.len() - usize::from(self.passed_over.is_some());
@@ -71,9 +71,9 @@ impl Files {
     }
 }
 
-/// Why a file in a folder where one happens to work is not to be trusted by the user of number `own`: it
-/// is somebody else's, or others may write to it.
-fn strange(path: &Path, own: u32) -> Option<String> {
+/// Reason to distrust the file in the current folder: it belongs to neither the user `own` nor root, or every
+/// user may write to it.
+fn reason_to_distrust(path: &Path, own: u32) -> Option<String> {
     let found = path.metadata().ok()?;
     let why = match (found.uid(), found.mode() & 0o7777) {
         (owner, _) if owner != own && owner != ROOT => format!("it belongs to user {owner}"),
@@ -91,7 +91,7 @@ fn is_absent(kind: ErrorKind) -> bool {
 mod tests {
     use super::*;
 
-    fn places(variables: &[(&str, &str)]) -> Vec<String> {
+    fn paths_of(variables: &[(&str, &str)]) -> Vec<String> {
         let find = |name: &str| variables.iter().find(|(n, _)| *n == name).map(|(_, v)| OsString::from(v));
         Files::from_variables(find).paths.iter().map(|p| p.display().to_string()).collect()
     }
@@ -99,13 +99,13 @@ mod tests {
     #[test]
     fn the_machine_comes_first_then_the_user_then_the_folder() {
         let (system, here) = ("/etc/vitreo/vitreo.toml", "./vitreo.toml");
-        assert_eq!(places(&[("HOME", "/h")]), [system, "/h/.config/vitreo/vitreo.toml", here]);
+        assert_eq!(paths_of(&[("HOME", "/h")]), [system, "/h/.config/vitreo/vitreo.toml", here]);
         assert_eq!(
-            places(&[("HOME", "/h"), ("XDG_CONFIG_HOME", "/c")]),
+            paths_of(&[("HOME", "/h"), ("XDG_CONFIG_HOME", "/c")]),
             [system, "/c/vitreo/vitreo.toml", here]
         );
-        // A relative folder is none, says the convention; without a home there is no file of a user.
-        assert_eq!(places(&[("XDG_CONFIG_HOME", "c")]), [system, here]);
+        // The XDG convention ignores relative folders. Without a home folder there is no user's file.
+        assert_eq!(paths_of(&[("XDG_CONFIG_HOME", "c")]), [system, here]);
     }
 
     #[test]
@@ -114,23 +114,23 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(NAME);
         let own = folder.path().metadata().unwrap().uid();
-        assert_eq!(strange(&path, own), None, "there is none");
+        assert_eq!(reason_to_distrust(&path, own), None, "there is none");
         std::fs::write(&path, "[run]\nlevel = 2\n").unwrap();
         for (mode, told) in
             [(0o644, None), (0o600, None), (0o666, Some("(mode 0666)")), (0o602, Some("0602"))]
         {
             std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).unwrap();
-            let found = strange(&path, own);
+            let found = reason_to_distrust(&path, own);
             assert_eq!(found.is_some(), told.is_some(), "{mode:o}: {found:?}");
             assert!(found.unwrap_or_default().contains(told.unwrap_or_default()));
         }
         std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o644)).unwrap();
         if own != ROOT {
-            let told = strange(&path, own + 1).unwrap();
+            let told = reason_to_distrust(&path, own + 1).unwrap();
             assert!(told.ends_with(&format!("vitreo.toml: not read: it belongs to user {own}")), "{told}");
         }
         std::os::unix::fs::chown(&path, Some(own.max(1)), None).unwrap();
-        assert!(strange(&path, own.max(1) + 1).unwrap().contains("it belongs to user"));
+        assert!(reason_to_distrust(&path, own.max(1) + 1).unwrap().contains("it belongs to user"));
         let mut files = Files { paths: vec![path], ..Files::default() };
         assert_eq!(files.entries().unwrap().len(), 1);
         files.passed_over = Some("not read".into());

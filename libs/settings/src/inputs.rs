@@ -1,11 +1,11 @@
-//! Checks of input files before a command starts; errors name the option and the file.
+//! Checks input files before a command starts; errors name the option and the file.
 
 use protocol::file::STDIN;
 use std::fmt::Display;
 use std::fs::{File, metadata};
 use std::path::Path;
 
-/// A file that an option names cannot be used.
+/// An option names a file that cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[error("{option} {path}: {problem}")]
 pub struct InputError {
@@ -13,15 +13,15 @@ pub struct InputError {
     option: String,
     /// The file.
     path: String,
-    /// Why not.
+    /// Why it cannot be used.
     problem: String,
 }
 
-/// Refuses a file that cannot be read. A pipe and standard input (`-`) are not opened: data read from them
-/// would be gone.
+/// Checks that a file can be opened. Pipes and standard input (`-`) are not opened, because that would
+/// consume data or disturb the writer.
 ///
 /// # Errors
-/// Where it is absent, a folder, or not for this user.
+/// If the file is missing or unreadable, or is a folder.
 pub fn check_file(option: &str, path: &Path) -> Result<(), InputError> {
     if path.as_os_str() == STDIN {
         return Ok(());
@@ -37,10 +37,10 @@ pub fn check_file(option: &str, path: &Path) -> Result<(), InputError> {
     Ok(())
 }
 
-/// Refuses a folder that is absent or none.
+/// Checks that a folder exists.
 ///
 /// # Errors
-/// Where there is no such folder.
+/// If the path is missing or not a folder.
 pub fn check_folder(option: &str, path: &Path) -> Result<(), InputError> {
     let about = metadata(path).map_err(|problem| refusal(option, path, &problem))?;
     let refused = || refusal(option, path, &"expected a folder, found a file");

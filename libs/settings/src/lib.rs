@@ -1,9 +1,10 @@
 //! Option defaults from `vitreo.toml`: one table per command, long option names as keys. The files are read
-//! in the order of [`files::Files`]; later ones take precedence, and the command line over all. A setting
-//! becomes an argument before the typed ones ([`apply`]), so clap parses and validates it like a typed
-//! argument. Files are validated first ([`check`]); errors name file, line, key and the expected value. A
-//! command of another program reads its own tables there: `vitreo blobs` reads those under `blobs`, in the
-//! camera's program. Programs that a run starts get all settings on their command lines and read no file.
+//! in the order of [`files::Files`]; later files take precedence over earlier ones, and the command line over
+//! all files. A setting becomes an argument before the typed ones ([`apply`]), so clap parses and validates
+//! it like a typed argument. Files are validated first ([`check`]); errors name file, line, key and the
+//! expected value. A program behind a command of `vitreo` reads the same files and uses only its own tables:
+//! `vitreo-fpga-model` those under `blobs`, among others. Programs that a run starts get all settings on
+//! their command lines and read no file.
 
 pub mod apply;
 pub mod blob_source;
@@ -21,11 +22,12 @@ use std::io::Write;
 /// One program's part of vitreo.toml.
 #[derive(Debug, Clone, Copy)]
 pub struct Program {
-    /// The table in which this program's sub-commands lie; empty where they are tables themselves.
+    /// The table that contains the tables of this program's sub-commands; empty if those are at the top
+    /// level.
     pub prefix: &'static str,
     /// Sub-commands that read no file.
     pub without: &'static [&'static str],
-    /// The tables that belong to other programs; `None` where any table may.
+    /// Tables that belong to other programs; `None` if unknown tables are accepted.
     pub elsewhere: Option<&'static [&'static str]>,
 }
 
@@ -46,45 +48,46 @@ impl SettingsArgs {
 
 /// The long name of [`SettingsArgs::no_config`].
 const NO_CONFIG: &str = "no-config";
-/// Options that only a command line can give: those that request something other than the command's
-/// work, and those that overwrite or delete files, which no file in a folder should cause.
+/// Options that are accepted only on the command line: those that replace the command's work (help, version),
+/// and those that overwrite or delete files, which a file in some folder must not cause.
 const ONLY_TYPED: [&str; 5] = ["help", "version", NO_CONFIG, "force", "recordings"];
-/// Options that say the same thing in different ways: one of them that is typed silences the others
-/// in files, and so does the variable.
+/// Options that set the log level. If one of them is typed, or the variable [`LOG_VARIABLE`] is set, all of
+/// them are ignored in files.
 pub const LOGGING: [&str; 3] = ["log", "verbose", "quiet"];
-/// The variable of [`LOGGING`].
+/// Environment variable that overrides the options of [`LOGGING`] in files.
 pub const LOG_VARIABLE: &str = "RUST_LOG";
 
-/// Set for a program that replaces another of this build, which has already reported ignored files.
-pub const TOLD: &str = "VITREO_SETTINGS_TOLD";
+/// Environment variable set for a program that replaces another one of this build (`exec`), which has already
+/// reported ignored files.
+pub const ALREADY_REPORTED: &str = "VITREO_SETTINGS_TOLD";
 
-/// Error in a settings file.
+/// An error in a settings file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{file}: {}{text}", line.map(|l| format!("line {l}: ")).unwrap_or_default())]
 pub struct Problem {
     /// The file.
     pub file: String,
-    /// The line, from 1 on; `None` where it is about the whole file.
+    /// The line, from 1; `None` if the error concerns the whole file.
     pub line: Option<usize>,
     /// Table, key and expected value.
     pub text: String,
 }
 
-/// Why a program cannot begin.
+/// Why a program does not start.
 #[derive(Debug)]
 pub enum Refusal {
-    /// The command line: clap says it, or shows help.
+    /// clap's error, or the text of help or version.
     CommandLine(clap::Error),
-    /// A file; with what was typed, as far as it is clear.
+    /// An error in a settings file, with the typed arguments as far as clap understands them.
     File(Problem, Box<ArgMatches>),
 }
 
-/// Reads the command line of this program with its settings. Ends the program where the command line
-/// is refused or asks for help, as clap does.
+/// Parses the command line of this program together with its settings. As clap does, it exits the process if
+/// the command line is invalid or asks for help.
 ///
 /// # Errors
-/// Where a file of settings is refused; with the arguments `L` that were typed, as far as they are
-/// clear, to say it as the user asked for.
+/// The error in a settings file, with the typed arguments `L` as far as clap understands them, so that the
+/// caller can report the error as the typed logging options ask.
 pub fn parse<P: Parser, L: FromArgMatches + Default>(program: &Program) -> Result<P, (Problem, L)> {
     let words: Vec<OsString> = std::env::args_os().collect();
     if words.get(1).is_some_and(|w| w == describe::ASK) {
@@ -93,10 +96,10 @@ pub fn parse<P: Parser, L: FromArgMatches + Default>(program: &Program) -> Resul
     }
     let found = files::Files::of_this_machine();
     let without = words.iter().any(|w| w.to_str() == Some(&format!("--{NO_CONFIG}")));
-    let told_before = std::env::var_os(TOLD).is_some();
-    if let Some(told) = found.passed_over.as_ref().filter(|_| !without && !told_before) {
-        // Before logging begins; a closed standard error is no reason to fail.
-        let _ = writeln!(std::io::stderr(), "vitreo: {told}");
+    let already_reported = std::env::var_os(ALREADY_REPORTED).is_some();
+    if let Some(reason) = found.passed_over.as_ref().filter(|_| !without && !already_reported) {
+        // Logging is not yet set up. A closed standard error is no reason to fail.
+        let _ = writeln!(std::io::stderr(), "vitreo: {reason}");
     }
     match apply::matches(P::command(), program, &found, words).map(|mut m| P::from_arg_matches_mut(&mut m)) {
         Ok(Ok(parsed)) => Ok(parsed),

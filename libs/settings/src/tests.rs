@@ -1,4 +1,4 @@
-//! A command line with everything that one can have, and files that say something to it.
+//! Tests with a command line that has every kind of option, and with files that set them.
 
 use super::*;
 use crate::apply::matches;
@@ -75,7 +75,7 @@ enum What {
     },
 }
 
-/// Files, and the folder in which they lie as long as this lives.
+/// Settings files in a folder that is deleted on drop.
 struct Scratch {
     _folder: tempfile::TempDir,
     files: Files,
@@ -162,7 +162,7 @@ fn lists_counts_and_optional_values() {
         (own.pair.len(), own.each, own.plot.as_deref()),
         (3, vec!["-x".into(), "y".into()], Some("terminal"))
     );
-    // What is typed takes the place of a list, and does not lengthen it.
+    // A typed value replaces a list instead of being added to it.
     let typed = run(&[text], &["--each", "z", "--plot=p.png", "file"]);
     assert_eq!((typed.each, typed.plot.as_deref()), (vec!["z".to_owned()], Some("p.png")));
     assert_eq!(parse(&files(&[text]).files, &["run"]).unwrap().verbose, 2);
@@ -176,7 +176,7 @@ fn options_of_all_commands_stand_at_the_top_and_in_tables() {
     assert_eq!(log(&scratch.files, &["results"]).as_deref(), Some("info"));
     assert_eq!(log(&scratch.files, &["--log", "run", "run"]).as_deref(), Some("run"));
     assert_eq!(log(&scratch.files, &["results", "--log", "warn"]).as_deref(), Some("warn"));
-    // Another way to say the same, and the variable.
+    // Another option for the same purpose, and the environment variable.
     assert_eq!(log(&scratch.files, &["results", "-v"]), None);
     let variable = Files { log_variable: true, ..scratch.files.clone() };
     assert_eq!(log(&variable, &["run"]), None);

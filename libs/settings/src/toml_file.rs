@@ -1,24 +1,24 @@
-//! A settings file as a list of entries with line numbers.
+//! Reads a settings file as a list of entries with line numbers.
 
 use crate::Problem;
 use std::collections::BTreeMap;
 use toml::Spanned;
 use toml::de::{DeInteger, DeTable, DeValue};
 
-/// One key and its value.
+/// A key with its value and position.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Entry {
-    /// Names of the tables around it, outermost first; none at the top of the file.
+    /// Names of the enclosing tables, outermost first; empty at the top of the file.
     pub table: Vec<String>,
-    /// The key: an option's long name.
+    /// The key, an option's long name.
     pub key: String,
     /// Its value.
     pub value: Value,
-    /// The file.
+    /// Path of the file, for errors.
     pub file: String,
-    /// The place of the file among those that are read; a greater one wins.
+    /// Index of the file in the search path; the entry with the greater rank takes precedence.
     pub rank: usize,
-    /// The line of the key, from 1 on.
+    /// Line of the key, from 1.
     pub line: usize,
 }
 
@@ -29,12 +29,12 @@ pub enum Value {
     Truth(bool),
     /// A text or a number.
     Text(String),
-    /// Several.
+    /// An array of texts or numbers.
     List(Vec<String>),
 }
 
 impl Entry {
-    /// A refusal of this entry.
+    /// An error about this entry.
     pub fn problem(&self, text: impl std::fmt::Display) -> Problem {
         let place =
             if self.table.is_empty() { String::new() } else { format!("[{}] ", self.table.join(".")) };
@@ -58,7 +58,7 @@ impl std::fmt::Display for Value {
     }
 }
 
-/// A text as TOML writes it: a number as it is.
+/// Formats a text as a TOML value; numbers are written without quotes.
 pub fn quoted(text: &str) -> String {
     let digits = text.strip_prefix('-').unwrap_or(text);
     let whole = digits.parse::<u32>().is_ok_and(|n| n.to_string() == digits);
@@ -69,10 +69,10 @@ pub fn quoted(text: &str) -> String {
     if whole || broken { text.to_owned() } else { toml::Value::from(text).to_string() }
 }
 
-/// Reads a file's text. `rank` identifies the file.
+/// Parses the text of a file. `file` is its name in errors, `rank` its index in the search path.
 ///
 /// # Errors
-/// Where it is no TOML, or has values that no option can take.
+/// If the text is not valid TOML, or contains values that no option can take, such as dates or nested arrays.
 pub fn read(text: &str, file: &str, rank: usize) -> Result<Vec<Entry>, Problem> {
     let root = DeTable::parse(text).map_err(|error| Problem {
         file: file.to_owned(),
@@ -82,7 +82,7 @@ pub fn read(text: &str, file: &str, rank: usize) -> Result<Vec<Entry>, Problem> 
     let reader = Reader { text, file, rank };
     let mut entries = Vec::new();
     reader.table(root.get_ref(), &[], &mut entries)?;
-    // In the order of the file: the table has sorted its keys.
+    // The parser returns the keys of a table sorted; restore the order of the file.
     entries.sort_by_key(|e| e.line);
     Ok(entries)
 }
@@ -142,13 +142,13 @@ fn text_of(value: &DeValue<'_>) -> Result<String, String> {
     }
 }
 
-/// A whole number in decimal digits, however it is written.
+/// Converts a TOML integer of any radix to decimal digits.
 fn integer(number: &DeInteger<'_>) -> Result<String, String> {
     let value = i128::from_str_radix(number.as_str(), number.radix());
     value.map(|v| v.to_string()).map_err(|_| format!("expected a smaller number, found {number}"))
 }
 
-/// Combined entries of the files: for each table and key the last one.
+/// For each table and key, the entry of the last file.
 pub fn winners(entries: Vec<Entry>) -> Vec<Entry> {
     let mut last = BTreeMap::new();
     for entry in entries {

@@ -162,7 +162,7 @@ impl Group {
     fn start(program: &Path, mut command: Command) -> anyhow::Result<Self> {
         command.stdin(Stdio::null()).stderr(Stdio::piped()).process_group(0);
         // This program has already reported which settings files are ignored.
-        command.env(settings::TOLD, "1");
+        command.env(settings::ALREADY_REPORTED, "1");
         let mut child =
             command.spawn().with_context(|| format!("--with {}: cannot be started", program.display()))?;
         let errors = child.stderr.take().map(last_of).context("its standard error")?;

@@ -1,4 +1,4 @@
-//! Stereo layout: how the two channels share a picture or a display.
+//! Stereo layout: how the two channels share one picture or display.
 
 use clap::ValueEnum;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
@@ -33,19 +33,19 @@ impl Arrangement {
         }
     }
 
-    /// Pixels for one of the text over a picture: of lines in turn each eye sees every second one, so
-    /// two that are the same show all of it to both.
+    /// Size of a text pixel over the picture, in pixels of the picture. In interleaved pictures each eye sees
+    /// every second line, so every line of the text is drawn twice to be complete for both.
     pub fn text_scale(self) -> u32 {
         if self == Arrangement::Interleaved { 2 } else { 1 }
     }
 
-    /// The arrangement for files, where nothing alternates in time.
+    /// The arrangement for files, which cannot alternate channels in time: side by side replaces sequential.
     pub fn for_files(self) -> Self {
         if self == Arrangement::Sequential { Arrangement::SideBySide } else { self }
     }
 }
 
-/// The command-line form.
+/// Formats the arrangement as it is typed on the command line.
 impl fmt::Display for Arrangement {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let value = self.to_possible_value();
@@ -53,7 +53,7 @@ impl fmt::Display for Arrangement {
     }
 }
 
-/// Parses an arrangement of a film, in which nothing alternates in time.
+/// Parser for arrangements of a film, which cannot alternate channels in time.
 pub fn of_films() -> impl TypedValueParser<Value = Arrangement> {
     let all = Arrangement::value_variants().iter().filter(|how| **how == how.for_files());
     PossibleValuesParser::new(all.filter_map(ValueEnum::to_possible_value))

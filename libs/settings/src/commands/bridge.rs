@@ -7,25 +7,25 @@ use std::str::FromStr;
 /// Default address of a port: only programs on this machine can connect.
 const HERE: &str = "127.0.0.1";
 
-/// An address on which to listen: `PORT` or `HOST:PORT`.
+/// A local address to listen on: `PORT` or `HOST:PORT`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Listen {
-    /// Name or number of an interface of this machine.
+    /// Host name or address of a local interface.
     pub host: String,
-    /// 0 leaves the choice to the system.
+    /// Port; 0 lets the system choose.
     pub port: u16,
 }
 
-/// Address of another tracker's server: `igtl:HOST:PORT`.
+/// Address of another tracker's server, typed as `igtl:HOST:PORT`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Server(String);
 
-/// Another tracker that replaces cameras and our tracker: `igtl:HOST:PORT[,MAP.toml]`.
+/// Another tracker that replaces the cameras and the built-in tracker: `igtl:HOST:PORT[,MAP.toml]`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OtherTracker {
-    /// Its server.
+    /// Address of its server.
     pub server: Server,
-    /// Map from its transforms to bodies; default: the names that `--igtl` sends.
+    /// File that maps its transforms to bodies; `None` for the names that `--igtl` sends.
     pub map: Option<PathBuf>,
 }
 
@@ -101,7 +101,7 @@ impl FromStr for OtherTracker {
 }
 
 impl Display for OtherTracker {
-    /// As it is typed.
+    /// Formats the tracker as it is typed.
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         write!(f, "igtl:{}", self.server)?;
         self.map.as_ref().map_or(Ok(()), |map| write!(f, ",{}", map.display()))
@@ -109,7 +109,7 @@ impl Display for OtherTracker {
 }
 
 impl Display for Server {
-    /// As sockets take it: `HOST:PORT`.
+    /// Formats the address as sockets accept it: `HOST:PORT`.
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         f.write_str(&self.0)
     }

@@ -1,4 +1,4 @@
-//! Sources of a run's pictures: `--cameras`.
+//! Sources of a run's camera pictures: `--cameras`.
 
 use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
@@ -6,15 +6,15 @@ use std::str::FromStr;
 
 /// Name of the virtual cameras.
 const VIRTUAL: &str = "virtual";
-/// Forms of a source, for messages.
+/// Forms of a source, for error messages.
 const FORMS: &str = "y4m:PATH, mcap:FILE, v4l2:/dev/videoN or genicam:NAME";
 /// Maximum exposure, µs.
 const MAX_EXPOSURE_US: u32 = 1_000_000;
 
-/// Value of `--cameras`.
+/// Parsed value of `--cameras`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Cameras {
-    /// The virtual rig, as without the option.
+    /// The virtual rig, which is also the default.
     Virtual,
     /// The user's own program.
     Program(PathBuf),
@@ -33,17 +33,17 @@ pub enum StreamKind {
     Y4m,
     /// A recording of pixels.
     Mcap,
-    /// A camera of this machine (Video4Linux2).
+    /// A local camera (Video4Linux2).
     V4l2,
     /// A GenICam camera (GigE Vision, USB3 Vision).
     Genicam,
 }
 
 impl StreamKind {
-    /// Every kind.
+    /// All kinds.
     const ALL: [StreamKind; 4] = [StreamKind::Y4m, StreamKind::Mcap, StreamKind::V4l2, StreamKind::Genicam];
 
-    /// Prefix of the source.
+    /// Prefix of such a source on the command line.
     fn prefix(self) -> &'static str {
         match self {
             StreamKind::Y4m => "y4m:",
@@ -53,28 +53,28 @@ impl StreamKind {
         }
     }
 
-    /// Whether it is a camera with settings, not a pipe or a file.
+    /// True for a camera with settings, false for a pipe or a file.
     pub fn is_camera(self) -> bool {
         matches!(self, StreamKind::V4l2 | StreamKind::Genicam)
     }
 
-    /// Whether the source names a local path.
+    /// True if the source is a path on this machine.
     pub fn has_path(self) -> bool {
         self != StreamKind::Genicam
     }
 }
 
-/// Trigger of an exposure.
+/// What starts an exposure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Trigger {
-    /// Its own clock.
+    /// The camera's own clock.
     Internal,
-    /// A signal from outside.
+    /// An external signal.
     External,
 }
 
 impl Trigger {
-    /// Name in a source.
+    /// Name in the options of a source.
     pub fn name(self) -> &'static str {
         match self {
             Trigger::Internal => "internal",
@@ -83,14 +83,14 @@ impl Trigger {
     }
 }
 
-/// Requested camera settings; missing ones stay unchanged.
+/// Requested camera settings; those that are `None` stay unchanged.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Wanted {
     /// Exposure, µs.
     pub exposure_us: Option<u32>,
     /// Gain, in the driver's unit.
     pub gain: Option<i32>,
-    /// Trigger.
+    /// Trigger of the exposures.
     pub trigger: Option<Trigger>,
 }
 
@@ -101,9 +101,9 @@ pub struct Stream {
     pub kind: StreamKind,
     /// Pipe, file or device; for a GenICam camera its name or address.
     pub path: PathBuf,
-    /// Parity of field 0, if given.
+    /// Parity of field 0 (0 or 1), if given.
     pub parity: Option<u32>,
-    /// Requested settings.
+    /// Requested camera settings.
     pub wanted: Wanted,
 }
 
@@ -129,7 +129,7 @@ impl FromStr for Cameras {
 }
 
 impl Streams {
-    /// One source per camera; a recording serves all of them.
+    /// Returns one source per camera; a single recording serves all cameras.
     pub fn spread(&self, cameras: usize) -> Vec<Stream> {
         match &self.0[..] {
             [one] if one.kind == StreamKind::Mcap => vec![one.clone(); cameras],
@@ -167,7 +167,7 @@ impl FromStr for Stream {
 }
 
 impl Stream {
-    /// Parses an option; the error states the expected form.
+    /// Parses one option of a source. The error states the expected form.
     fn take(&mut self, option: &str) -> Result<(), String> {
         let (key, value) = option.split_once('=').unwrap_or((option, ""));
         let again = match key {

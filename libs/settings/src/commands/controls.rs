@@ -5,17 +5,17 @@ use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// Prefix of a pedal read through kernel events.
+/// Prefix of a pedal that is read through kernel input events.
 const EVDEV: &str = "evdev:";
-/// Prefix of a pedal read through raw reports.
+/// Prefix of a pedal that is read through raw HID reports.
 const HIDRAW: &str = "hidraw:";
-/// Prefix of handles.
+/// Prefix of the handles' serial port.
 const SERIAL: &str = "serial:";
-/// The option of a serial line.
+/// Option of the serial port after its path.
 const BAUD: &str = "?baud=";
 /// Default baud rate.
 pub const DEFAULT_BAUD: u32 = 115_200;
-/// Lowest and highest baud rate.
+/// Lowest and highest baud rate accepted.
 const BAUDS: [u32; 2] = [1_200, 4_000_000];
 
 /// Kernel interface of a pedal.
@@ -24,7 +24,7 @@ const BAUDS: [u32; 2] = [1_200, 4_000_000];
 pub enum PedalInterface {
     /// Events of the kernel's input devices, `/dev/input/event*`.
     Evdev,
-    /// Reports as the device sends them, `/dev/hidraw*`.
+    /// Raw HID reports, `/dev/hidraw*`.
     Hidraw,
 }
 
@@ -39,17 +39,17 @@ pub struct PedalSpec {
     pub mapping: Option<String>,
 }
 
-/// Serial line of the handles of both instruments.
+/// Serial port of the handles of both instruments.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct HandlesSpec {
     /// Device or pipe.
     pub path: PathBuf,
-    /// Bits a second.
+    /// Baud rate, bits per second.
     pub baud: u32,
 }
 
 impl PedalInterface {
-    /// Prefix before a path.
+    /// Prefix before the path on the command line.
     pub fn prefix(self) -> &'static str {
         match self {
             PedalInterface::Evdev => EVDEV,
@@ -130,12 +130,12 @@ pub struct ControlsArgs {
 }
 
 impl ControlsArgs {
-    /// Whether a device is used.
+    /// True if a device is given.
     pub fn any(&self) -> bool {
         self.pedal.is_some() || self.handles.is_some()
     }
 
-    /// Adds the options for the process.
+    /// Adds the options to the arguments of the process that reads the devices.
     pub fn hand_on(&self, to: &mut Arguments) {
         to.value("--pedal", self.pedal.as_ref());
         to.value("--handles", self.handles.as_ref());

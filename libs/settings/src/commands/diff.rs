@@ -34,7 +34,7 @@ pub struct DiffArgs {
     pub force: Force,
 }
 
-/// A file of a plot, by its ending.
+/// Checks the file name of a plot, whose extension selects the format.
 pub(super) fn plot_file(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     match path.extension().and_then(|ending| ending.to_str()) {

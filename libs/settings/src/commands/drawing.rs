@@ -1,4 +1,4 @@
-//! Options for pictures that are not drawn in real time.
+//! Options for pictures that are drawn off-line, not in real time.
 
 use super::FundusArgs;
 use super::arrangement::{Arrangement, of_films};
@@ -27,7 +27,7 @@ pub struct DrawingArgs {
     pub arrange: Arrangement,
 }
 
-/// A length of time, s.
+/// Parses a duration, 0.04 s to 3600 s.
 pub(super) fn seconds(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("expected seconds, found '{text}'"))?;
     if (0.04..=3_600.0).contains(&value) { Ok(value) } else { Err("expected 0.04 to 3600 s".into()) }

@@ -4,7 +4,7 @@ use outputs::Force;
 use protocol::poses::BODY_NAMES;
 use std::path::PathBuf;
 
-/// Topics that can be written as tables.
+/// Topics that `--csv` can write as tables.
 pub const TABLES: [&str; 11] = [
     "handles",
     "pedal",

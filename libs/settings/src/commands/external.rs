@@ -1,37 +1,38 @@
-//! Channels from external drivers: `--external`.
+//! Channels that external drivers feed: `--external`.
 
 use protocol::handles::ControlChannels;
 use protocol::health::Process;
 use std::fmt::{self, Display, Formatter};
 use std::str::FromStr;
 
-/// Channels fed by external drivers, in the order of the data path.
+/// Channels that external drivers feed, in the order of the data path.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct External(Vec<Process>);
 
 impl External {
-    /// Expected drivers, one per channel.
+    /// The expected drivers, one per channel.
     pub fn drivers(&self) -> &[Process] {
         &self.0
     }
 
-    /// The channels.
+    /// Names of the channels.
     pub fn channels(&self) -> Vec<&'static str> {
         self.0.iter().filter_map(|driver| driver.drives()).collect()
     }
 
-    /// Whether a driver is expected.
+    /// True if this driver is expected.
     pub fn has(&self, driver: Process) -> bool {
         self.0.contains(&driver)
     }
 
-    /// Driver that replaces the cameras and possibly the stages after them.
+    /// The driver that replaces the cameras and possibly the stages after them.
     pub fn source(&self) -> Option<Process> {
         let sources = [Process::BlobsDriver, Process::FieldsDriver, Process::PosesDriver];
         self.0.iter().copied().find(|driver| sources.contains(driver))
     }
 
-    /// Channels that our cameras do not write; `None` if they write all of theirs.
+    /// The channels of handles and pedal that external drivers write instead of the cameras; `None` if there
+    /// are none.
     pub fn controls(&self) -> Option<ControlChannels> {
         let (handles, pedal) = (self.has(Process::HandlesDriver), self.has(Process::PedalDriver));
         (handles || pedal).then_some(ControlChannels { handles, pedal })

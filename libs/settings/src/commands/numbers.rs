@@ -1,9 +1,9 @@
-//! Numbers on command lines.
+//! Parsers for numbers on command lines.
 
-/// A number of 0 or more.
+/// Parses a finite number of 0 or more.
 ///
 /// # Errors
-/// What was expected.
+/// The expected form.
 pub fn not_negative(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value.is_finite() && value >= 0.0 => Ok(value),
@@ -11,18 +11,18 @@ pub fn not_negative(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A number above 0.
+/// Parses a finite number above 0.
 ///
 /// # Errors
-/// What was expected.
+/// The expected form.
 pub fn positive(text: &str) -> Result<f64, String> {
     not_negative(text).ok().filter(|v| *v > 0.0).ok_or("expected a number above 0".into())
 }
 
-/// A share, 0 to 1.
+/// Parses a fraction from 0 to 1.
 ///
 /// # Errors
-/// What was expected.
+/// The expected form.
 pub fn share(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("expected a number, found '{text}'"))?;
     if (0.0..=1.0).contains(&value) { Ok(value) } else { Err("expected 0 to 1".into()) }

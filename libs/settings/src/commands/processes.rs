@@ -1,44 +1,44 @@
-//! Options of the simulator's processes that `vitreo run` forwards: declared once, parsed by both, and
-//! written in the parsed form ([`Arguments`]).
+//! Options of the simulator's processes that `vitreo run` forwards. Each is declared once, parsed by `vitreo`
+//! and by the process, and written between them in the form that the parser accepts ([`Arguments`]).
 
 use super::arrangement::Arrangement;
 use super::fundus::FundusArgs;
 use crate::blob_source::blob_source;
 use std::path::PathBuf;
 
-/// Default input of a desk: the window, and a gamepad if there is one.
+/// Value of `--input`: the window, and a gamepad if one is connected.
 pub const AUTO: &str = "auto";
-/// Only the window: mouse and keyboard.
+/// Value of `--input`: only the window's mouse and keyboard.
 pub const MOUSE: &str = "mouse";
-/// A gamepad, which must be present, and the keyboard.
+/// Value of `--input`: a gamepad, which must be connected, and the keyboard.
 pub const GAMEPAD: &str = "gamepad";
 
-/// Forwarded arguments.
+/// Arguments of a process.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Arguments(pub Vec<String>);
 
 impl Arguments {
-    /// Adds an option with its value, if it has one.
+    /// Adds an option with its value, if there is a value.
     pub fn value(&mut self, name: &str, value: Option<impl ToString>) {
         if let Some(value) = value {
             self.0.extend([name.into(), value.to_string()]);
         }
     }
 
-    /// Adds an option without a value, if it is given.
+    /// Adds an option without a value, if `given`.
     pub fn flag(&mut self, name: &str, given: bool) {
         if given {
             self.0.push(name.into());
         }
     }
 
-    /// Adds a path, if there is one.
+    /// Adds an option whose value is a path, if there is a path.
     pub fn path(&mut self, name: &str, path: Option<&PathBuf>) {
         self.value(name, path.map(|path| path.display()));
     }
 }
 
-/// Types of option fields.
+/// Types of option fields that can be written as arguments.
 trait OptionValue {
     fn put(&self, name: &str, to: &mut Arguments);
 }
@@ -61,7 +61,7 @@ impl OptionValue for Option<PathBuf> {
     }
 }
 
-/// Types whose `Display` is their command-line form.
+/// Implements [`OptionValue`] for types whose `Display` is their command-line form.
 macro_rules! as_displayed {
     ($($value:ty),*) => {
         $(impl OptionValue for Option<$value> {
@@ -73,11 +73,11 @@ macro_rules! as_displayed {
 }
 as_displayed!(String, u64, f64, Arrangement);
 
-/// Implements `hand_on`: each field is an option of the field's name.
+/// Implements `hand_on` for a struct of options: each field is written as the option of the field's name.
 macro_rules! handed_on {
     ($args:ty: $($field:ident),* $(; $group:ident)?) => {
         impl $args {
-            /// Adds the options as the process takes them.
+            /// Adds the options in the form that the process parses.
             pub fn hand_on(&self, to: &mut Arguments) {
                 $(to.0.extend(self.$group.arguments());)?
                 $(self.$field.put(&format!("--{}", stringify!($field).replace('_', "-")), to);)*
@@ -114,7 +114,7 @@ pub struct SceneArgs {
 handed_on!(SceneArgs: scene);
 
 impl SceneArgs {
-    /// Its name or file, or `default`.
+    /// The given name or file, or `default`.
     pub fn name<'a>(&'a self, default: &'a str) -> &'a str {
         self.scene.as_deref().unwrap_or(default)
     }

@@ -102,17 +102,17 @@ pub struct ReplayArgs {
 }
 
 impl ReplayArgs {
-    /// Whether a film or stills are drawn.
+    /// True if a film or stills are drawn.
     pub fn draws(&self) -> bool {
         self.video.is_some() || self.drawing.stills.is_some()
     }
 
-    /// Whether the user watches and controls it.
+    /// True if a user watches and controls the replay.
     pub fn is_watched(&self) -> bool {
         self.window || self.interactive
     }
 
-    /// Whether it runs as fast as possible.
+    /// True if the replay runs as fast as possible.
     pub fn is_unpaced(&self) -> bool {
         self.lockstep || self.headless || self.draws()
     }

@@ -3,7 +3,7 @@
 use outputs::Force;
 use std::path::PathBuf;
 
-/// Value of `--plot` without a file.
+/// Value of `--plot` that plots in the terminal; the default if no file is given.
 pub const TERMINAL: &str = "terminal";
 
 /// Arguments of `vitreo results`.

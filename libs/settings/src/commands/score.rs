@@ -57,7 +57,7 @@ pub struct BatchArgs {
     pub force: Force,
 }
 
-/// `I/N`: a part and how many there are.
+/// Parses `I/N`: index and number of shards.
 fn shard(text: &str) -> Result<[u32; 2], String> {
     let numbers = text.split_once('/').and_then(|(i, n)| Some([i.parse().ok()?, n.parse().ok()?]));
     let good = numbers.filter(|[index, count]| index < count);

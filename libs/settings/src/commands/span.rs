@@ -1,4 +1,4 @@
-//! The selected part of a recording, and the check that it exists.
+//! The selected part of a recording, and the check that it is within the recording.
 
 use super::numbers::not_negative;
 use outputs::exit::WrongUse;
@@ -16,10 +16,12 @@ pub struct SpanArgs {
 }
 
 impl SpanArgs {
-    /// Refuses a part outside the recording; `length_s` is only called if needed.
+    /// Refuses an empty part and one that begins after the recording's end. `length_s` returns the
+    /// recording's length, s; it is only called if needed.
     ///
     /// # Errors
-    /// [`WrongUse`] if the end is not after the beginning, or the beginning is not in the recording.
+    /// [`WrongUse`] if the part's end is not after its beginning, or its beginning is after the recording's
+    /// end.
     pub fn check(&self, file: &Path, length_s: impl FnOnce() -> f64) -> Result<(), WrongUse> {
         let SpanArgs { from, until } = *self;
         if let Some(until) = until.filter(|until| *until <= from) {
@@ -35,7 +37,7 @@ impl SpanArgs {
         Ok(())
     }
 
-    /// Length of the part of a recording, s.
+    /// Length of the part, s, of a recording of length `recorded_s`, s.
     pub fn length_s(&self, recorded_s: f64) -> f64 {
         let until_s = self.until.unwrap_or(f64::INFINITY).min(recorded_s);
         (until_s - self.from).max(0.0)

@@ -4,12 +4,12 @@ use super::diff::plot_file;
 use outputs::Force;
 use std::path::PathBuf;
 
-/// A key and its value.
+/// A key with the value to set.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Assignment {
-    /// As `tracker.gate` or `scene.membrane.stiffness_un_per_mm`.
+    /// Key such as `tracker.gate` or `scene.membrane.stiffness_un_per_mm`.
     pub key: String,
-    /// Its value.
+    /// The value, in the unit of the key's suffix.
     pub value: f64,
 }
 
@@ -43,12 +43,12 @@ pub struct SettingsListArgs {
     pub json: bool,
 }
 
-/// A key and its successive values.
+/// A key with the values of a sweep.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Range {
-    /// As `tracker.gate` or `scene.membrane.stiffness_un_per_mm`.
+    /// Key such as `tracker.gate` or `scene.membrane.stiffness_un_per_mm`.
     pub key: String,
-    /// From the first to the last, evenly.
+    /// Evenly spaced values, from the first to the last typed one.
     pub values: Vec<f64>,
 }
 
@@ -75,7 +75,7 @@ pub struct SweepArgs {
     pub force: Force,
 }
 
-/// Most values of a sweep.
+/// Maximum number of values in a sweep.
 const MOST_VALUES: usize = 1000;
 
 fn assignment(text: &str) -> Result<Assignment, String> {
@@ -107,7 +107,7 @@ fn range(text: &str) -> Result<Range, String> {
     Ok(Range { key: key.trim().into(), values: values.collect() })
 }
 
-/// A value between two that were typed, without the digits that binary arithmetic adds: 0.9 for
+/// Rounds an interpolated value to 12 digits, so that binary arithmetic does not show: 0.9 instead of
 /// 0.8999999999999999.
 fn readable(value: f64) -> f64 {
     format!("{value:.11e}").parse().unwrap_or(value)

@@ -15,22 +15,22 @@ pub struct WritingArgs {
     pub split: Option<Split>,
 }
 
-/// Compressions, the default first.
+/// Names of the compressions, the default first.
 pub const PACKINGS: [&str; 3] = ["zstd", "lz4", "none"];
 
-/// Length or size of the parts.
+/// Maximum length or size of each part of a split recording.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Split {
-    /// s.
+    /// Length, s.
     Seconds(f64),
-    /// Bytes.
+    /// Size, bytes.
     Bytes(u64),
 }
 
-/// Units of lengths, in s, and of sizes, in bytes.
+/// Units of lengths, with their value in s, and of sizes, in bytes.
 const LENGTHS: [(&str, f64); 3] = [("h", 3600.0), ("m", 60.0), ("s", 1.0)];
 const SIZES: [(&str, f64); 3] = [("GB", 1e9), ("MB", 1e6), ("kB", 1e3)];
-/// Minimum part: shorter ones would hold little but their headers.
+/// Minimum length, s, and size, bytes, of a part: shorter parts would contain little but their headers.
 const SHORTEST_S: f64 = 1.0;
 const SMALLEST_BYTES: f64 = 1e5;
 
