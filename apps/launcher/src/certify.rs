@@ -1,10 +1,11 @@
-//! `vitreo certify`: how long poses take from the last blobs to whoever reads them, on this machine, in real time and
-//! beside a load, as a page that can be handed on.
+//! `vitreo certify`: measures the latency from the last blobs of a triple to a subscriber's poses, in real
+//! time and under load, and writes a certificate.
 //!
-//! - `stream`: what the cameras see; `feeder`, `subscriber`: the threads that send and read; `bench`: both, with a
-//!   tracker of their own between them; `progress`: how far they are
-//! - `load`, `floor`: what else the machine does, and how late it wakes anybody up
-//! - `tally`, `slowest`: what is counted; `report`, `page`: figures, and how they are shown
+//! - `stream`: synthetic blobs of a rig's cameras; `feeder`, `subscriber`: the threads that send blobs and
+//!   receive poses; `bench`: both threads with a tracker between them; `progress`: progress messages
+//! - `load`, `floor`: load on the processors, and the machine's own wake-up latency
+//! - `tally`, `slowest`: counts and statistics of the received poses; `report`, `page`: the figures, as JSON
+//!   and as a page
 
 mod bench;
 mod feeder;
@@ -41,20 +42,21 @@ use std::time::SystemTime;
 use stream::{ROUND_S, Triples};
 use tally::TRACKING;
 
-/// The rig where none is given.
+/// The default rig.
 const RIG: &str = include_str!("../../../assets/rig-200hz.json");
-/// Its name.
+/// Name of the default rig in the report.
 const RIG_NAME: &str = "assets/rig-200hz.json";
-/// Length of the short and of the long form, s.
+/// Duration of the measurement in real time, s: by default, and with `--long`.
 const SHORT_S: f64 = 120.0;
 const LONG_S: f64 = 1_800.0;
-/// Triples at speed of the long form.
+/// Number of triples at full speed with `--long`.
 const LONG_AT_SPEED: u64 = 1_000_000;
-/// Most triples that can be asked for.
+/// Maximum number of triples in a measurement.
 const MOST: u64 = 1_000_000_000;
-/// Triples before those that count, s.
+/// Duration of the warm-up, whose triples are not counted, s.
 const WARM_UP_S: f64 = 1.0;
-/// The floor is measured before and afterwards, a quarter as long as the latency each time, but no longer than this, s.
+/// Maximum duration of one floor measurement, s. The floor is measured before and after the latency, each
+/// time for a quarter of the latency's duration.
 const FLOOR_S: f64 = 60.0;
 
 /// Arguments of `vitreo certify`.
@@ -93,7 +95,7 @@ pub struct CertifyArgs {
     pub force: Force,
 }
 
-/// How a report is written, by its ending.
+/// Format of a report, selected by the file extension.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Form {
     Html,
@@ -117,18 +119,18 @@ fn report_file(text: &str) -> Result<PathBuf, String> {
     Form::of(&path).map(|_| path).ok_or_else(|| "expected a name that ends in .html, .md or .json".into())
 }
 
-/// How much is measured.
+/// Extent of a measurement, in triples and wake-ups.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Plan {
-    /// Triples before those that count.
+    /// Triples before the counted ones.
     warm_up: u64,
-    /// Triples that count.
+    /// Counted triples in real time.
     count: u64,
-    /// Of these, the first so many are at rest.
+    /// Number of triples at rest, at the start of the counted ones.
     rest: u64,
-    /// Wake-ups of the floor, before and afterwards each.
+    /// Wake-ups in each of the two floor measurements.
     floor: u64,
-    /// Triples at speed.
+    /// Triples at full speed.
     at_speed: u64,
 }
 
@@ -147,10 +149,11 @@ impl Plan {
     }
 }
 
-/// Runs it.
+/// Runs `vitreo certify`.
 ///
 /// # Errors
-/// Where a file is refused, the tracker does not start or ends, or it is stopped.
+/// If a file is refused, the rig has fewer than two cameras, the tracker does not start or ends early, or a
+/// report cannot be written.
 pub fn run(args: &CertifyArgs) -> anyhow::Result<ExitCode> {
     block_on(certify(args))
 }
@@ -188,7 +191,7 @@ async fn measure(args: &CertifyArgs, rig: &Rig, stop: &StopSignal) -> anyhow::Re
     let began = SystemTime::now();
     let instance = Instance::own(&args.instance)?;
     let realtime = realtime_allowed();
-    // The tracker reads what was read here.
+    // The tracker must read the same rig as this command, even if the file changes meanwhile.
     let file = MemoryFile::new(&rig.to_json())?;
     let bench = Bench { instance: &instance, rig: file.name(), realtime, stop };
     let scheduling = match realtime {
@@ -218,7 +221,7 @@ async fn measure(args: &CertifyArgs, rig: &Rig, stop: &StopSignal) -> anyhow::Re
     Ok(Report::of(setup, (&live.read, &live.fed.late), (&before, after.as_ref()), fast, ended))
 }
 
-/// What is measured after the triples in real time; `None` where the command is to end.
+/// Awaits a measurement that follows the triples in real time; `None` if the command has been asked to stop.
 async fn unless_stopped<T>(
     stop: &StopSignal,
     measured: impl Future<Output = anyhow::Result<T>>,
@@ -261,7 +264,7 @@ async fn at_speed(bench: &Bench<'_>, triples: &Triples, plan: &Plan) -> anyhow::
     Ok(Some(AtSpeed { losses: Losses::of(&fast.read), asked: plan.at_speed, rate_hz, tracking }))
 }
 
-/// The exit code, with its reasons on standard error.
+/// Prints the reasons for the exit code on standard error and returns the code.
 fn verdict(report: &Report, assert: bool) -> ExitCode {
     let goal = &report.goal;
     if report.stopped {

@@ -1,4 +1,5 @@
-//! One stream through a tracker: starts it, feeds it and reads its poses, each in a thread or process of its own.
+//! Sends one stream of blobs through a tracker: starts the tracker as a process, the feeder and the
+//! subscriber as threads.
 
 use super::feeder::{Fed, Feed, Pace};
 use super::progress::Progress;
@@ -21,46 +22,46 @@ use tokio::sync::oneshot;
 use tokio::task::{JoinHandle, spawn_blocking};
 use tokio::time::sleep;
 
-/// How long the tracker may take to start.
+/// Timeout for the start of the tracker.
 const START: Duration = Duration::from_secs(20);
-/// From one look at how far a stream is to the next.
+/// Period of the checks for progress.
 const LOOK: Duration = Duration::from_secs(1);
 
-/// What streams are sent through.
+/// Everything that streams of one measurement have in common.
 pub struct Bench<'a> {
-    /// The simulator of the measurement.
+    /// Instance in which the tracker runs.
     pub instance: &'a Instance,
-    /// The rig file, as the tracker finds it.
+    /// Path of the rig file, for the tracker.
     pub rig: String,
-    /// Whether all are under the real-time scheduler.
+    /// True if tracker, feeder and subscriber run under the real-time scheduler.
     pub realtime: bool,
-    /// Raised where the command is to end.
+    /// Raised when the command is asked to stop.
     pub stop: &'a StopSignal,
 }
 
-/// A stream.
+/// A stream of triples to send.
 pub struct Stream {
-    /// What the cameras see.
+    /// The blobs of the cameras.
     pub triples: Triples,
-    /// Triples before those that count.
+    /// Triples before the counted ones.
     pub warm_up: u64,
-    /// Triples that count.
+    /// Counted triples.
     pub count: u64,
-    /// As fast as it is tracked, not at the rig's rate.
+    /// True to send as fast as the tracker processes, false to send at the rig's rate.
     pub at_speed: bool,
 }
 
-/// What was measured of a stream.
+/// Results of a stream.
 pub struct Measured {
-    /// By the feeder.
+    /// Results of the feeder.
     pub fed: Fed,
-    /// By the subscriber.
+    /// Results of the subscriber.
     pub read: Read,
-    /// How long it took to send it, s.
+    /// Time that the feeder took for the whole stream, s.
     pub seconds: f64,
 }
 
-/// Threads that end when this is dropped.
+/// Raises a flag on drop, which ends the threads that share it.
 pub struct Ending(pub Arc<AtomicBool>);
 
 impl Drop for Ending {
@@ -70,11 +71,12 @@ impl Drop for Ending {
 }
 
 impl Bench<'_> {
-    /// Sends a stream through a new tracker. Where the command is to end, the stream ends early, and what was measured
-    /// of it is given: the triples that were sent.
+    /// Sends a stream through a new tracker. If the command is asked to stop, the stream ends early, and the
+    /// results cover the triples that were sent.
     ///
     /// # Errors
-    /// Where the tracker does not start or ends, a thread fails, or the command is to end before the stream began.
+    /// If the tracker does not start or ends early, a thread fails, or the command is asked to stop before
+    /// the stream has begun.
     pub async fn measure(&self, stream: Stream) -> anyhow::Result<Measured> {
         let mut health: Receiver<Health> = self.instance.receiver(Queue::InOrder)?;
         let mut requests: Sender<Request> = self.instance.sender()?;
@@ -93,14 +95,14 @@ impl Bench<'_> {
 
     async fn send(&self, stream: Stream) -> anyhow::Result<Measured> {
         let Stream { triples, warm_up, count, at_speed } = stream;
-        // The subscriber reads on after the last triple was sent.
+        // The subscriber continues to read after the last triple has been sent, so it has its own flag.
         let [stop, enough] = [(); 2].map(|()| Arc::<AtomicBool>::default());
         let _endings = [&stop, &enough].map(|flag| Ending(Arc::clone(flag)));
         let [sent, done_ns] = [(); 2].map(|()| Arc::<AtomicU64>::default());
-        let (credits, told) = mpsc::channel();
+        let (credits, poses) = mpsc::channel();
         let total = warm_up + count;
         let first_ns = now().saturating_sub((total + 1) * triples.period_ns()).max(1);
-        let pace = if at_speed { Pace::AtSpeed(told, first_ns) } else { Pace::RealTime };
+        let pace = if at_speed { Pace::AtSpeed(poses, first_ns) } else { Pace::RealTime };
         let subscriber = Subscriber {
             instance: self.instance.name().into(),
             triples: triples.clone(),
@@ -136,7 +138,7 @@ impl Bench<'_> {
         Ok(Measured { fed, read, seconds })
     }
 
-    /// Waits for the feeder, says how far it is, and has it end where the command is to end.
+    /// Waits for the feeder and reports its progress. Ends the feeder early if the command is asked to stop.
     async fn accompany(
         &self,
         mut feeding: JoinHandle<anyhow::Result<Fed>>,

@@ -1,6 +1,6 @@
-//! The thread that stands for the cameras: it sends the blobs of one triple after the other, at the rig's rate or as
-//! fast as they are tracked. The fields of a triple are sent together, once the slowest read-out is over; a camera that
-//! is slower than the rig has none in some triples.
+//! Feeder thread: sends the blobs of each triple, at the rig's rate or as fast as the tracker processes them.
+//! The fields of a triple are sent together, after the longest read-out. A camera that is slower than the rig
+//! has no field in some triples.
 
 use super::stream::Triples;
 use crate::children::raise_this_thread;
@@ -14,61 +14,62 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver as Credits, RecvTimeoutError};
 use std::time::Duration;
 
-/// Triples that may be on their way at once where they go as fast as they are tracked: fewer than queues hold.
+/// Maximum number of triples in flight at full speed, smaller than the queues.
 pub const ON_THEIR_WAY: u64 = 8;
-/// A triple whose poses do not come within this time is not waited for any longer.
+/// Timeout for the poses of a triple at full speed.
 const GIVEN_UP: Duration = Duration::from_secs(1);
-/// At speed, all pause for this part of a period, after bursts that are so many times as long. Real-time programs that
-/// always have work leave no time to ordinary ones, and Linux then takes each processor away from them, for 50 ms in every
-/// second. After a longer pause than a period fields would count as late.
+/// Length of the pauses at full speed, in periods of the rig, and length of the bursts between them, in
+/// pauses. From real-time programs that never sleep, Linux takes the processors away for 50 ms in every
+/// second, to leave time to ordinary programs; the pauses prevent that. A pause longer than a period would
+/// make the tracker count fields as late.
 const PAUSE_PERIODS: f64 = 0.75;
 const BURST_PAUSES: u64 = 9;
-/// The first triple comes so much later than the begin, ns.
+/// Time from the start of the feeder to the first triple, ns.
 const LEAD_NS: u64 = 20_000_000;
 
-/// When triples are sent.
+/// Timing of the triples.
 pub enum Pace {
     /// At the rig's rate, by the clock.
     RealTime,
-    /// As fast as poses arrive, each of which is announced through this channel; the first is exposed at this past
-    /// instant, the others a period apart.
+    /// As fast as the poses arrive, each of which is signalled on this channel. The first triple has this
+    /// past exposure time, ns of `CLOCK_MONOTONIC`; the others follow at the rig's period.
     AtSpeed(Credits<()>, Nanos),
 }
 
-/// What the feeder needs.
+/// Parameters of the feeder.
 pub struct Feed {
-    /// The simulator that it joins.
+    /// Name of the instance to join.
     pub instance: String,
-    /// What it sends.
+    /// The blobs to send.
     pub triples: Triples,
-    /// How many.
+    /// Number of triples.
     pub count: u64,
-    /// When.
+    /// Timing of the triples.
     pub pace: Pace,
-    /// Whether it runs under the real-time scheduler.
+    /// True to run under the real-time scheduler.
     pub realtime: bool,
-    /// Raised to end it early.
+    /// Raised to end the feeder early.
     pub stop: Arc<AtomicBool>,
-    /// Triples sent so far.
+    /// Number of triples sent so far.
     pub sent: Arc<AtomicU64>,
-    /// When it was done, ns; 0 before.
+    /// Time at which the feeder ended, ns of `CLOCK_MONOTONIC`; 0 before.
     pub done_ns: Arc<AtomicU64>,
 }
 
-/// Its result.
+/// Results of the feeder.
 #[derive(Debug, Default)]
 pub struct Fed {
-    /// How much later than due it sent the first blobs of a triple.
+    /// Delay of the first blobs of each triple after their due time, in real time.
     pub late: Durations,
-    /// Triples that were not waited for any longer.
+    /// Triples whose poses did not arrive within the timeout.
     pub given_up: u64,
 }
 
 impl Feed {
-    /// Sends everything.
+    /// Sends all triples.
     ///
     /// # Errors
-    /// Where the channel or the scheduler is refused.
+    /// If the instance or a channel cannot be opened, or the real-time scheduler refuses the thread.
     pub fn run(mut self) -> anyhow::Result<Fed> {
         let done = Arc::clone(&self.done_ns);
         let fed = self.feed();
@@ -114,7 +115,8 @@ impl Feed {
     }
 }
 
-/// Pauses where the burst that began at `burst_ns` has been long enough; gives when the present one began.
+/// Pauses if the burst that began at `burst_ns` has been long enough. Returns the start of the current burst,
+/// ns.
 fn pause_after(burst_ns: Nanos, period_ns: u64) -> Nanos {
     let pause_ns = (PAUSE_PERIODS * period_ns as f64) as u64;
     if now() < burst_ns + BURST_PAUSES * pause_ns {
@@ -124,7 +126,7 @@ fn pause_after(burst_ns: Nanos, period_ns: u64) -> Nanos {
     now()
 }
 
-/// Waits until fewer triples than may be are on their way; gives their number.
+/// Waits until fewer than [`ON_THEIR_WAY`] triples are in flight. Returns their number.
 fn wait_for_room(credits: &Credits<()>, mut on_their_way: u64, fed: &mut Fed) -> u64 {
     on_their_way = on_their_way.saturating_sub(credits.try_iter().count() as u64);
     while on_their_way >= ON_THEIR_WAY {

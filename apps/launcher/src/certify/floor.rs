@@ -1,5 +1,6 @@
-//! The machine's own floor: how late a thread wakes up that does nothing else, at the same rate, in the same
-//! scheduling class and beside the same load. By cyclictest where it is installed, or by a loop of sleeps of our own.
+//! Wake-up latency of an idle thread at the same rate, in the same scheduling class and under the same load
+//! (cyclictest, or a sleep loop if it is not installed). It is the lower limit of the tracker's latency on
+//! the machine.
 
 use crate::children::{REALTIME_PRIORITY, raise_this_thread};
 use crate::run::Durations;
@@ -11,35 +12,35 @@ use std::process::Stdio;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Longest wake-up that cyclictest resolves, µs.
+/// Longest wake-up latency in the histogram of cyclictest, µs.
 const LONGEST_US: u64 = 100_000;
-/// The first wake-up comes so much later than the begin, ns.
+/// Time from the start of the loop to the first wake-up, ns.
 const LEAD_NS: u64 = 20_000_000;
 
-/// What is measured.
+/// Parameters of a floor measurement.
 #[derive(Debug, Clone, Copy)]
 pub struct Wanted {
-    /// From one wake-up to the next, ns.
+    /// Period of the wake-ups, ns.
     pub period_ns: u64,
-    /// How many.
+    /// Number of wake-ups.
     pub count: u64,
-    /// Whether the thread is under the real-time scheduler.
+    /// True to run the thread under the real-time scheduler.
     pub realtime: bool,
 }
 
-/// How late it woke up.
+/// Result of a floor measurement.
 #[derive(Debug)]
 pub struct Floor {
-    /// Delays of wake-ups.
+    /// Latencies of the wake-ups.
     pub late: Durations,
-    /// By what it was measured.
+    /// The tool, for the report.
     pub tool: String,
 }
 
-/// Measures it. `stop` ends it early.
+/// Measures the floor. Raising `stop` ends the sleep loop early.
 ///
 /// # Errors
-/// Where cyclictest says what is not understood, or the scheduler refuses.
+/// If cyclictest fails or its output is not understood, or the real-time scheduler refuses the thread.
 pub async fn measure(wanted: Wanted, stop: Arc<AtomicBool>) -> anyhow::Result<Floor> {
     match cyclictest(wanted).await {
         Ok(floor) => return floor,
@@ -51,7 +52,7 @@ pub async fn measure(wanted: Wanted, stop: Arc<AtomicBool>) -> anyhow::Result<Fl
     Ok(Floor { late: measured?, tool: tool.into() })
 }
 
-/// By cyclictest; the outer error is that it cannot be started.
+/// Measures with cyclictest. The outer error means that it cannot be started.
 async fn cyclictest(wanted: Wanted) -> io::Result<anyhow::Result<Floor>> {
     let mut command = tokio::process::Command::new("cyclictest");
     let [interval, count, longest] =
@@ -61,17 +62,18 @@ async fn cyclictest(wanted: Wanted) -> io::Result<anyhow::Result<Floor>> {
     command.arg(format!("--policy={}", class[0])).arg(format!("--priority={}", class[1]));
     command.args(["-i", &interval, "-l", &count, "-h", &longest]);
     command.stdin(Stdio::null()).kill_on_drop(true);
-    let told = command.output().await?;
-    let text = String::from_utf8_lossy(&told.stdout);
-    if !told.status.success() {
-        let why = String::from_utf8_lossy(&told.stderr).trim().to_owned();
-        return Ok(Err(anyhow::anyhow!("cyclictest failed ({}): {why}", told.status)));
+    let output = command.output().await?;
+    let text = String::from_utf8_lossy(&output.stdout);
+    if !output.status.success() {
+        let why = String::from_utf8_lossy(&output.stderr).trim().to_owned();
+        return Ok(Err(anyhow::anyhow!("cyclictest failed ({}): {why}", output.status)));
     }
     let tool = format!("cyclictest --policy={} --priority={}", class[0], class[1]);
     Ok(histogram(&text).map(|late| Floor { late, tool }))
 }
 
-/// The histogram that cyclictest prints: a line for each µs, `000012 000345`, and a summary in comments.
+/// Parses the histogram that cyclictest prints: one line `LATENCY COUNT` per µs, such as `000012 000345`, and
+/// a summary in comments. Latencies beyond its end count as [`LONGEST_US`].
 fn histogram(text: &str) -> anyhow::Result<Durations> {
     let mut late = Durations::default();
     for line in text.lines() {
@@ -95,7 +97,7 @@ fn histogram(text: &str) -> anyhow::Result<Durations> {
     Ok(late)
 }
 
-/// By sleeps of our own.
+/// Measures with a loop of absolute sleeps.
 fn own(wanted: Wanted, stop: &AtomicBool) -> anyhow::Result<Durations> {
     if wanted.realtime {
         raise_this_thread()?;
@@ -117,13 +119,13 @@ fn own(wanted: Wanted, stop: &AtomicBool) -> anyhow::Result<Durations> {
 mod tests {
     use super::*;
 
-    const TOLD: &str = "# Histogram\n000000 000000\n000028 000001\n000029 000097\n000105 000001\n# Total: 000000099\n\
+    const PRINTED: &str = "# Histogram\n000000 000000\n000028 000001\n000029 000097\n000105 000001\n# Total: 000000099\n\
                         # Min Latencies: 00028\n# Histogram Overflows: 00001\n# Histogram Overflow at cycle number:\n\
                         # Thread 0: 00041\n\n";
 
     #[test]
     fn what_cyclictest_prints_is_read_with_what_is_beyond_its_end() {
-        let late = histogram(TOLD).unwrap();
+        let late = histogram(PRINTED).unwrap();
         assert_eq!(late.count(), 100);
         assert!(
             (late.at_ms(50.0) - 0.029).abs() < 1e-4 && (late.at_ms(99.0) - 0.105).abs() < 1e-3,

@@ -1,4 +1,4 @@
-//! What keeps every processor busy while a latency is certified.
+//! Load on all processors during a certification.
 
 use ipc::logging::warn;
 use rustix::process::{Pid, Signal, kill_process_group};
@@ -18,10 +18,10 @@ pub enum Beside {
     None,
 }
 
-/// A load; it ends when it is dropped.
+/// A running load, which ends on drop.
 pub struct Load {
     what: Kind,
-    /// In words.
+    /// Description for the report.
     pub text: String,
 }
 
@@ -32,7 +32,7 @@ enum Kind {
 }
 
 impl Load {
-    /// Begins it, on so many processors.
+    /// Starts the load on this number of processors.
     pub fn begin(beside: Beside, processors: usize) -> Self {
         if beside == Beside::None {
             return Load { what: Kind::None, text: "none was made".into() };
@@ -60,11 +60,12 @@ fn stress(processors: usize) -> io::Result<Child> {
     let mut command = Command::new("stress-ng");
     command.args(["--quiet", "--cpu", &processors.to_string()]);
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
-    // A group of its own: it ends with its workers, and no Ctrl-C ends it before the measurement.
+    // In a process group of its own, stress-ng can be ended together with its workers, and Ctrl-C does not
+    // end it before the measurement.
     command.process_group(0).spawn()
 }
 
-/// Counts in a thread on each processor, until it is stopped.
+/// Starts one busy thread per processor. Raising the returned flag ends them.
 fn spin(processors: usize) -> Arc<AtomicBool> {
     let end = Arc::<AtomicBool>::default();
     let counted = Arc::<AtomicU64>::default();

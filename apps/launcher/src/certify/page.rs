@@ -1,15 +1,15 @@
-//! A certificate as one page, in the form of ASTM E3124: what was measured on, latency, static noise, range of
-//! motion; as HTML that needs nothing else, or as Markdown. Pure.
+//! Writes a certificate as one page in the form of ASTM E3124 (setup, latency, static noise, range of
+//! motion), as self-contained HTML or as Markdown. Pure.
 
 use super::report::{Figures, Losses, Range, Report, Setup};
 use plots::Format;
 use plots::histogram::{Bin, Histogram};
 use std::fmt::Write;
 
-/// Longest bar of a histogram in text, letters.
+/// Longest bar of a text histogram, characters.
 const BAR: usize = 50;
 
-/// A table: its header, and rows of as many cells.
+/// A table; all rows have as many cells as the header.
 struct Table {
     header: Vec<&'static str>,
     rows: Vec<Vec<String>>,
@@ -77,7 +77,7 @@ fn setup(report: &Report) -> Section {
     }
 }
 
-/// The rate of all cameras, or of each where they differ.
+/// Field rate of the rig, or the rates of all cameras if they differ.
 fn rates(setup: &Setup) -> String {
     let [slowest, fastest] = [setup.camera_hz.first(), setup.camera_hz.last()];
     if slowest == fastest {
@@ -187,7 +187,7 @@ fn limits() -> Section {
     Section { heading: "What this is not", text: text.into(), table: Table { header: vec![], rows: vec![] } }
 }
 
-/// The histograms of latency and floor.
+/// The histograms of latency and wake-up floor.
 fn figure(report: &Report) -> Histogram {
     let bins = |ranges: &[Range]| {
         ranges.iter().map(|r| Bin { from: r.from_ms, to: r.to_ms, count: r.count }).collect()
@@ -206,7 +206,7 @@ fn figure(report: &Report) -> Histogram {
 /// Title of the page.
 const TITLE: &str = "Latency certificate";
 
-/// The page as Markdown, with the histogram in letters.
+/// The page as Markdown, with the latency histogram as text.
 pub fn markdown(report: &Report) -> String {
     let mut page = format!("# {TITLE}\n");
     for section in sections(report) {
@@ -226,7 +226,7 @@ pub fn markdown(report: &Report) -> String {
     page
 }
 
-/// A histogram in letters: bars as long as the logarithm of the count.
+/// A histogram as text; the length of a bar is proportional to the logarithm of the count.
 pub fn bars(ranges: &[Range]) -> String {
     let length = |count: u64| (count as f64 + 1.0).ln();
     let most = ranges.iter().map(|range| length(range.count)).fold(1.0, f64::max);
@@ -240,17 +240,17 @@ pub fn bars(ranges: &[Range]) -> String {
     ranges.iter().map(line).collect()
 }
 
-/// A text in HTML; what stands between `**` is strong.
+/// Escapes a text for HTML; text between `**` becomes strong.
 fn escaped(text: &str) -> String {
     let plain = text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
     let parts = plain.split("**").enumerate();
     parts.map(|(n, part)| if n % 2 == 1 { format!("<strong>{part}</strong>") } else { part.into() }).collect()
 }
 
-/// The page as HTML; it needs no other file.
+/// The page as self-contained HTML.
 ///
 /// # Errors
-/// Where the histogram cannot be drawn.
+/// If the histogram cannot be drawn.
 pub fn html(report: &Report) -> anyhow::Result<String> {
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{TITLE}</title><style>{STYLE}</style>\
@@ -278,7 +278,7 @@ pub fn html(report: &Report) -> anyhow::Result<String> {
     Ok(page)
 }
 
-/// How it looks, on one printed page.
+/// Style sheet, which fits the page on one printed sheet.
 const STYLE: &str = "body{font:14px sans-serif;max-width:62em;margin:2em auto}h1{font-size:1.5em}h2{font-size:1.1em;\
 margin:1em 0 0}p{margin:.3em 0}table{border-collapse:collapse}td,th{border:1px solid #bbb;padding:.15em .6em;\
 text-align:right}td:first-child,th:first-child{text-align:left}svg{max-width:100%;height:auto}";

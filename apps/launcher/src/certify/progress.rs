@@ -1,28 +1,29 @@
-//! How far a stream is, for whoever waits for it: half an hour without a word looks like a program that hangs. Pure.
+//! Progress messages, one per tenth of the stream. Pure.
 
-/// Lines of a whole stream.
+/// A stream is divided into this many parts; a message follows each part but the last.
 const LINES: u64 = 10;
 
-/// What was said.
+/// Progress of a stream.
 #[derive(Debug)]
 pub struct Progress {
     triples: u64,
-    said: u64,
+    reported: u64,
 }
 
 impl Progress {
-    /// Of a stream of so many triples.
+    /// Progress of a stream of `triples` triples.
     pub fn of(triples: u64) -> Self {
-        Progress { triples: triples.max(1), said: 0 }
+        Progress { triples: triples.max(1), reported: 0 }
     }
 
-    /// A line each tenth of the stream, but none at its end.
+    /// The message for `sent` triples, if a tenth of the stream has been completed since the last message.
+    /// None at the end of the stream.
     pub fn line(&mut self, sent: u64) -> Option<String> {
         let tenth = LINES * sent / self.triples;
-        if tenth <= self.said || tenth >= LINES {
+        if tenth <= self.reported || tenth >= LINES {
             return None;
         }
-        self.said = tenth;
+        self.reported = tenth;
         Some(format!("{} of {} triples sent", sent, self.triples))
     }
 }
@@ -34,9 +35,9 @@ mod tests {
     #[test]
     fn each_tenth_is_said_once_and_the_end_is_not() {
         let mut progress = Progress::of(2_000);
-        let said: Vec<_> = (0..=2_000).filter_map(|sent| progress.line(sent)).collect();
-        assert_eq!(said.len(), 9, "{said:?}");
-        assert_eq!((&*said[0], &*said[8]), ("200 of 2000 triples sent", "1800 of 2000 triples sent"));
+        let reported: Vec<_> = (0..=2_000).filter_map(|sent| progress.line(sent)).collect();
+        assert_eq!(reported.len(), 9, "{reported:?}");
+        assert_eq!((&*reported[0], &*reported[8]), ("200 of 2000 triples sent", "1800 of 2000 triples sent"));
         let mut seldom = Progress::of(2_000);
         assert_eq!(
             [0, 150, 999, 1_000, 2_000].map(|sent| seldom.line(sent).is_some()),

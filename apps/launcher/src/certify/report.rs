@@ -1,4 +1,4 @@
-//! The figures of a certificate. Pure.
+//! Figures of a certificate. Pure.
 
 use super::floor::Floor;
 use super::slowest::SlowestFigures;
@@ -11,34 +11,34 @@ use protocol::time::Nanos;
 use serde::Serialize;
 use std::time::SystemTime;
 
-/// Of the JSON file.
+/// Format name in the JSON file.
 pub const FORMAT: &str = "vitreo-certificate-1";
-/// The goal: so much above the floor, both at this percentile.
+/// Goal: maximum difference between latency and wake-up floor at [`GOAL_PERCENTILE`], ms.
 pub const GOAL_MS: f64 = 0.5;
-/// Percentile of the goal.
+/// Percentile at which latency and floor are compared.
 pub const GOAL_PERCENTILE: f64 = 99.9;
-/// Bins of a histogram to a factor of ten.
+/// Histogram bins per decade.
 const BINS: i32 = 10;
 
-/// Figures of durations, ms.
+/// Statistics of durations, ms.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Figures {
-    /// How many.
+    /// Number of durations.
     pub count: u64,
-    /// Arithmetic mean.
+    /// Arithmetic mean, ms.
     pub mean_ms: f64,
-    /// Half are no longer.
+    /// Median, ms.
     pub p50_ms: f64,
-    /// Percentiles.
+    /// 99th percentile, ms.
     pub p99_ms: f64,
-    /// Percentiles.
+    /// 99.9th percentile, ms.
     pub p99_9_ms: f64,
-    /// The longest.
+    /// Maximum, ms.
     pub max_ms: f64,
 }
 
 impl Figures {
-    /// Of durations that were noted.
+    /// Statistics of a histogram.
     pub fn of(durations: &Durations) -> Self {
         let [p50_ms, p99_ms, p99_9_ms, max_ms] =
             [50.0, 99.0, GOAL_PERCENTILE, 100.0].map(|p| durations.at_ms(p));
@@ -46,19 +46,19 @@ impl Figures {
     }
 }
 
-/// How often durations of a range came.
+/// A histogram bin.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Range {
-    /// Longer than this, ms.
+    /// Lower limit (exclusive), ms.
     pub from_ms: f64,
-    /// Up to this, ms.
+    /// Upper limit (inclusive), ms.
     pub to_ms: f64,
-    /// How often.
+    /// Number of durations in the bin.
     pub count: u64,
 }
 
-/// The ranges in which durations lie, ten to a factor of ten; adjoining, from the shortest to the longest. The first
-/// one has all that is shorter.
+/// Adjoining logarithmic bins, ten per decade, from the first to the last that is not empty. Durations below
+/// 1 µs are in the bin that starts at 1 µs.
 pub fn ranges(durations: &Durations) -> Vec<Range> {
     let bound_ns = |i: i32| (10f64.powf(f64::from(i) / f64::from(BINS)) * 1e3) as u64;
     let mut before = 0;
@@ -74,23 +74,23 @@ pub fn ranges(durations: &Durations) -> Vec<Range> {
     all[first..last.max(first)].to_vec()
 }
 
-/// What became of the triples of one stream.
+/// Counts of the triples of one stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Losses {
-    /// Sent, and counted.
+    /// Triples sent and counted.
     pub triples: u64,
-    /// Without poses that the subscriber could read.
+    /// Triples whose poses the subscriber could not read.
     pub drops: u64,
-    /// Whose poses came before all of their fields were in.
+    /// Triples whose poses were computed without all of their fields.
     pub incomplete: u64,
-    /// Blocks that were overwritten in the subscriber's queue, or not valid.
+    /// Blocks that were overwritten in the subscriber's queue, or invalid.
     pub blocks_lost: u64,
     /// Fields that the tracker refused.
     pub fields_refused: u64,
 }
 
 impl Losses {
-    /// Of what a subscriber read.
+    /// Counts of the results of a subscriber.
     pub fn of(read: &Read) -> Self {
         Losses {
             triples: read.tally.triples(),
@@ -102,54 +102,55 @@ impl Losses {
     }
 }
 
-/// A stream that went as fast as it was tracked.
+/// Results of the stream at full speed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct AtSpeed {
-    /// What became of it.
+    /// Counts of its triples.
     #[serde(flatten)]
     pub losses: Losses,
-    /// Triples that were asked for.
+    /// Requested number of triples.
     pub asked: u64,
-    /// Triples a second.
+    /// Triples per second, pauses included.
     pub rate_hz: f64,
-    /// Of these, from the tracker's having a triple until its poses are sent: on a processor that was not idle before.
+    /// Time from receipt of a complete triple by the tracker to the sending of its poses. The processor was
+    /// not idle before, unlike in real time.
     pub tracking: Figures,
 }
 
-/// What was measured on.
+/// Conditions of a measurement.
 #[derive(Debug, Clone, Serialize)]
 pub struct Setup {
-    /// When: date and time (UTC, RFC 3339).
+    /// Start, UTC, RFC 3339.
     pub began: String,
-    /// Of this program.
+    /// Version of this program.
     pub version: &'static str,
     /// The machine.
     pub machine: Machine,
-    /// The rig file.
+    /// Name of the rig file.
     pub rig: String,
-    /// Its rate.
+    /// Field rate of the rig, Hz.
     pub field_hz: f64,
-    /// Its cameras.
+    /// Number of cameras.
     pub cameras: usize,
-    /// Their rates, from the slowest to the fastest.
+    /// Field rates of the cameras, ascending, Hz.
     pub camera_hz: Vec<f64>,
-    /// Markers that every camera sees.
+    /// Number of markers, all seen by every camera.
     pub markers: usize,
-    /// Noise of their centres.
+    /// Standard deviation of the marker centres, px.
     pub noise_px: f64,
-    /// From the middle of the exposure until the blobs are sent: what the rig states.
+    /// Time from mid-exposure to the sending of the blobs, ms; computed from the rig file.
     pub camera_ms: f64,
     /// Scheduling class of tracker, feeder, subscriber and floor.
     pub scheduling: String,
-    /// What else the machine did.
+    /// Description of the load.
     pub load: String,
-    /// Share of the processors' time that the host of a virtual machine took while triples were sent in real time,
-    /// percent; `None` where the system does not provide it.
+    /// Share of processor time that the host of a virtual machine took during the triples in real time,
+    /// percent; `None` if the system does not report it.
     pub stolen_percent: Option<f64>,
 }
 
 impl Setup {
-    /// Of a rig on this machine, measured from `began` on.
+    /// Conditions for a rig (name, field rate in Hz) on this machine, measured from `began`.
     pub fn of(
         began: SystemTime,
         rig: (String, f64),
@@ -175,60 +176,60 @@ impl Setup {
     }
 }
 
-/// The goal, and whether it is kept.
+/// The goal and its result.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Goal {
-    /// Percentile of both.
+    /// Percentile of latency and floor.
     pub percentile: f64,
-    /// What may lie between latency and the lower floor.
+    /// Maximum difference between the latency and the lower of the two floors, ms.
     pub above_floor_ms: f64,
-    /// What does.
+    /// Measured difference, ms.
     pub found_ms: f64,
-    /// Whether it is kept.
+    /// True if the goal is met.
     pub kept: bool,
 }
 
-/// A certificate.
+/// A certificate, serialised to JSON.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
     /// [`FORMAT`].
     pub format: &'static str,
-    /// What was measured on.
+    /// Conditions of the measurement.
     pub setup: Setup,
-    /// From the last blob sent to the pose read.
+    /// Time from the sending of the last blobs to the reading of the poses.
     pub latency: Figures,
-    /// Its parts, by name.
+    /// Parts of the latency, by name.
     pub parts: Vec<(&'static str, Figures)>,
-    /// What the slowest thousandth is made of, in the same parts.
+    /// Breakdown of the slowest thousandth of the triples into the same parts.
     pub slowest: SlowestFigures,
-    /// From the middle of the exposure; what lies before the blobs is what the rig states.
+    /// Time from mid-exposure to the reading of the poses; the time before the blobs is that of the rig file.
     pub from_exposure: Figures,
-    /// How late the feeder itself was.
+    /// Delay of the feeder.
     pub feeder_late: Figures,
-    /// The machine's own wake-ups, before and, where it was not stopped, afterwards.
+    /// Wake-up floor before the triples in real time and, unless the command was stopped, after them.
     pub floor: Vec<Figures>,
-    /// By what they were measured.
+    /// Tool that measured the floor.
     pub floor_tool: String,
     /// The goal.
     pub goal: Goal,
-    /// Triples that were to be sent in real time.
+    /// Requested number of triples in real time.
     pub asked: u64,
-    /// Whether the command was stopped before its end.
+    /// True if the command was stopped before its end.
     pub stopped: bool,
-    /// In real time.
+    /// Counts of the triples in real time.
     pub real_time: Losses,
-    /// At speed, where that was asked for.
+    /// Results at full speed, if requested.
     pub at_speed: Option<AtSpeed>,
-    /// Static noise and range of motion.
+    /// Static noise and range of motion of each body.
     pub bodies: Vec<BodyFigures>,
-    /// Of latencies.
+    /// Histogram of the latency.
     pub latency_histogram: Vec<Range>,
-    /// Of the floor.
+    /// Histogram of the wake-up latencies, before and after together.
     pub floor_histogram: Vec<Range>,
 }
 
 impl Report {
-    /// Sums up.
+    /// Computes the figures. `asked`: requested triples in real time; `stopped`: the command ended early.
     pub fn of(
         setup: Setup,
         (read, late): (&Read, &Durations),
@@ -240,7 +241,7 @@ impl Report {
         let latency = Figures::of(&tally.latency);
         let floors = || std::iter::once(first).chain(last);
         let floor: Vec<Figures> = floors().map(|floor| Figures::of(&floor.late)).collect();
-        // What disturbed only one of them is no floor.
+        // A disturbance in only one of the two measurements does not raise the floor.
         let found_ms = latency.p99_9_ms - floor.iter().map(|f| f.p99_9_ms).fold(f64::INFINITY, f64::min);
         let kept = tally.latency.count() > 0 && found_ms <= GOAL_MS;
         let named = PARTS.into_iter().zip(tally.parts.iter().map(Figures::of));
@@ -265,13 +266,14 @@ impl Report {
         }
     }
 
-    /// Triples without poses, in both streams.
+    /// Triples without poses, in real time and at full speed.
     pub fn drops(&self) -> u64 {
         self.real_time.drops + self.at_speed.map_or(0, |fast| fast.losses.drops)
     }
 }
 
-/// Most triples that a stream of the past has room for: the clock began with the machine.
+/// Maximum number of triples whose exposures fit between the machine's start, at which the clock is 0, and
+/// now.
 pub fn room_in_the_past(now: Nanos, period_ns: u64) -> u64 {
     (now / period_ns.max(1)).saturating_sub(2)
 }
@@ -282,7 +284,7 @@ pub(super) mod tests {
     use crate::certify::tally::Tally;
     use rig::Rig;
 
-    /// Latencies of 0.2 ms and one of 3 ms above a floor of 0.1 ms.
+    /// A report with latencies of 0.2 ms and one of 3 ms, above a floor of 0.1 ms.
     pub fn report(drops: u64) -> Report {
         let triples = Triples::of(&Rig::parse(super::super::RIG, "a rig").unwrap(), 10);
         let mut tally = Tally::of(0, 2_000);

@@ -1,21 +1,21 @@
-//! What the slowest triples are made of: a percentile of each part tells nothing about which of them were slow together.
-//! Pure.
+//! Breakdown of the slowest thousandth of the triples, which shows the parts that were slow in the same
+//! triple; percentiles of each part do not. Pure.
 
 use protocol::time::Nanos;
 use serde::Serialize;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Of so many triples, one is among the slowest: those beyond the percentile of the goal.
+/// One triple in this number is kept: those above the percentile of the goal.
 const ONE_IN: u64 = 1_000;
-/// Most triples that are kept.
+/// Maximum number of kept triples.
 const MOST: u64 = 1_000;
-/// Triples that a report lists.
+/// Maximum number of triples listed in a report.
 const LISTED: usize = 50;
-/// Parts of a latency.
+/// Number of parts of a latency.
 const PARTS: usize = 3;
 
-/// A triple, by its latency.
+/// A triple, ordered by its latency.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Slow {
     latency_ns: u64,
@@ -24,22 +24,22 @@ struct Slow {
     parts_ns: [u64; PARTS],
 }
 
-/// The slowest of a stream, as it goes by.
+/// Collects the slowest triples of a stream.
 #[derive(Debug)]
 pub struct Slowest {
-    /// The least slow of them is on top.
+    /// Min-heap: the fastest of the kept triples is on top.
     kept: BinaryHeap<Reverse<Slow>>,
     most: usize,
 }
 
 impl Slowest {
-    /// The slowest thousandth of so many triples, one at least.
+    /// Collects the slowest thousandth of `triples` triples, at least one.
     pub fn of(triples: u64) -> Self {
         let most = (triples / ONE_IN).clamp(1, MOST) as usize;
         Slowest { kept: BinaryHeap::with_capacity(most + 1), most }
     }
 
-    /// Takes a triple whose last blobs were sent at `sent_ns`.
+    /// Adds a triple: number, time at which its last blobs were sent, and the parts of its latency, ns.
     pub fn note(&mut self, triple: u64, sent_ns: Nanos, parts_ns: [u64; PARTS]) {
         let latency_ns = parts_ns.iter().sum();
         if self.kept.len() == self.most
@@ -53,7 +53,7 @@ impl Slowest {
         }
     }
 
-    /// Their figures.
+    /// Figures of the kept triples.
     pub fn figures(&self) -> SlowestFigures {
         let mut all: Vec<Slow> = self.kept.iter().map(|slow| slow.0).collect();
         all.sort_by_key(|slow| Reverse(*slow));
@@ -72,26 +72,26 @@ impl Slowest {
 /// Figures of the slowest triples.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SlowestFigures {
-    /// How many.
+    /// Number of triples.
     pub count: u64,
-    /// Their mean latency.
+    /// Mean latency, ms.
     pub mean_ms: f64,
-    /// The mean of its parts.
+    /// Mean of each part, ms.
     pub parts_ms: [f64; PARTS],
-    /// The slowest of them, first.
+    /// The slowest triples, in descending order.
     pub listed: Vec<SlowTriple>,
 }
 
-/// One of them.
+/// One of the slowest triples.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SlowTriple {
-    /// Its number.
+    /// Number of the triple.
     pub triple: u64,
-    /// When its last blobs were sent, ns of `CLOCK_MONOTONIC`, as in traces of the kernel.
+    /// Time at which the last blobs were sent, ns of `CLOCK_MONOTONIC`, as in kernel traces.
     pub sent_ns: Nanos,
-    /// Its latency.
+    /// Latency, ms.
     pub latency_ms: f64,
-    /// Its parts.
+    /// Parts of the latency, ms.
     pub parts_ms: [f64; PARTS],
 }
 
@@ -110,7 +110,7 @@ mod tests {
     #[test]
     fn the_slowest_thousandth_is_kept_with_its_parts_whatever_the_order() {
         let mut slowest = Slowest::of(3_999);
-        // 7919 is prime: every number below 4000 comes once, out of order.
+        // 7919 is prime, so every number below 4000 occurs once, out of order.
         for n in 0..4_000 {
             let n = n * 7_919 % 4_000;
             slowest.note(n, 10 * n, [n, 2 * n, 1_000_000]);

@@ -1,8 +1,9 @@
-//! What the cameras of a rig see while a latency is certified: every marker of both instruments and of the eye, in
-//! every field, first at rest and then in a motion that repeats. Pure; where everything is is known.
+//! Synthetic blobs of a rig's cameras: every marker of both instruments and of the eye in every field, first
+//! at rest, then in a periodic motion. The true poses are known. Pure.
 //!
-//! A triple is what the tracker makes one frame of: a field of every camera that has one in the period of the fastest,
-//! which ends at the triple's instant. A camera that is as fast as the rig has one in each, a slower one in some.
+//! A triple is the input of one tracker frame: one field of each camera that has one within the period of the
+//! fastest camera that ends at the triple's instant. The fastest camera has a field in every triple, slower
+//! ones in some.
 
 use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -19,32 +20,34 @@ use std::f64::consts::{FRAC_PI_4, TAU};
 
 /// Period of the motion, s.
 pub const ROUND_S: f64 = 10.0;
-/// Noise of a blob's centre, px of the frame; the variance that blobs state.
+/// Standard deviation of a blob's centre, px of the whole frame; blobs state its square as variance.
 pub const NOISE_PX: f64 = 0.05;
-/// A field that is exposed up to this much after a triple's instant belongs to it, ns, as in the tracker's assembler.
+/// Tolerance of genlock, ns: a field belongs to a triple if it is exposed no later than this after the
+/// triple's instant, as in the tracker's assembler.
 const GENLOCK_NS: u64 = 500_000;
 /// Seed of the noise.
 const SEED: u64 = 3124;
 
-/// Waves of a tip, each axis: how often in a round, and amplitude in mm; the last two are tremor.
+/// Motion of a tip, as waves per axis: periods per round, and amplitude in mm. The last two of each axis are
+/// tremor.
 const TIP_WAVES: [[(f64, f64); 4]; 3] = [
     [(1.0, 1.4), (4.0, 0.5), (97.0, 0.03), (103.0, 0.02)],
     [(2.0, 1.2), (3.0, 0.6), (91.0, 0.03), (107.0, 0.02)],
     [(1.0, 0.8), (3.0, 0.5), (95.0, 0.03), (109.0, 0.02)],
 ];
-/// The same of the eye's turn, rad.
+/// Rotation of the eye about each axis: periods per round, and amplitude in rad.
 const EYE_WAVES: [(f64, f64); 3] = [(1.0, 0.06), (2.0, 0.05), (1.0, 0.03)];
-/// The same of an instrument's turn about its shaft, rad.
+/// Rotation of an instrument about its shaft: periods per round, and amplitude in rad.
 const ROLL_WAVE: (f64, f64) = (2.0, 0.35);
-/// Where tips rest, mm in the eye frame, for the instrument at positive x.
+/// Rest position of the tip of the instrument at positive x, mm in the eye frame.
 const TIP_MM: [f64; 3] = [1.2, 0.4, -4.5];
 
-/// A wave that begins with no speed.
+/// Sine of `times` periods per round with zero initial value and zero initial velocity, at time `t_s`, s.
 fn wave((times, amplitude): (f64, f64), t_s: f64) -> f64 {
     amplitude * (1.0 - (TAU * times * t_s / ROUND_S).cos())
 }
 
-/// The fields of all cameras, and where the bodies are.
+/// Generates the fields of all cameras from known poses.
 #[derive(Debug, Clone)]
 pub struct Triples {
     cameras: Vec<(Camera, Sensor)>,
@@ -56,10 +59,10 @@ pub struct Triples {
 }
 
 impl Triples {
-    /// For a checked rig; the first `rest` triples are at rest.
+    /// Generator for a checked rig; the first `rest` triples are at rest.
     pub fn of(rig: &Rig, rest: u64) -> Self {
         let mut cameras = rig.cameras().into_iter().zip(rig.sensors()).collect::<Vec<_>>();
-        // The field of the fastest camera completes a frame, so it is sent after those of slower ones.
+        // The field of the fastest camera completes a frame in the tracker, so it must be sent last.
         cameras.sort_by_key(|(_, sensor)| std::cmp::Reverse(sensor.period_ns));
         let markers = |i: usize| rig.body(BODY_NAMES[i]).map_or_else(Vec::new, |b| b.markers.clone());
         let trocar = |i: usize| {
@@ -76,54 +79,55 @@ impl Triples {
         }
     }
 
-    /// Cameras of the rig.
+    /// Number of cameras.
     pub fn cameras(&self) -> usize {
         self.cameras.len()
     }
 
-    /// Rates of the cameras, from the slowest to the fastest, Hz.
+    /// Field rates of the cameras, ascending, Hz.
     pub fn rates_hz(&self) -> Vec<f64> {
         self.cameras.iter().map(|(_, sensor)| 1e9 / sensor.period_ns as f64).collect()
     }
 
-    /// Number of the field that camera `id` has in a triple; `None` where it has none.
+    /// Number of the field of camera `id` in a triple; `None` if it has none.
     pub fn field_of(&self, id: u32, number: u64) -> Option<u64> {
         self.cameras.iter().find(|(camera, _)| camera.id == id).and_then(|(_, s)| self.field_in(s, number))
     }
 
-    /// Fields of a triple.
+    /// Number of fields in a triple.
     pub fn fields_in(&self, number: u64) -> usize {
         self.cameras.iter().filter(|(_, sensor)| self.field_in(sensor, number).is_some()).count()
     }
 
-    /// The last field up to the end of a triple's period, where that is not of an earlier triple.
+    /// Number of the sensor's last field up to the triple's instant, unless that field belongs to an earlier
+    /// triple.
     fn field_in(&self, sensor: &Sensor, number: u64) -> Option<u64> {
         let end_ns = number * self.period_ns + GENLOCK_NS;
         let field = end_ns / sensor.period_ns;
         (field * sensor.period_ns + self.period_ns > end_ns).then_some(field)
     }
 
-    /// Markers of all bodies.
+    /// Number of markers of all bodies.
     pub fn markers(&self) -> usize {
         self.bodies.iter().map(Vec::len).sum()
     }
 
-    /// From the middle of the exposure until the last line has left the slowest camera, ns.
+    /// Longest time from mid-exposure to the end of the read-out among the cameras, ns.
     pub fn read_out_ns(&self) -> u64 {
         self.read_out_ns
     }
 
-    /// From one triple to the next, ns.
+    /// Period of the triples, ns.
     pub fn period_ns(&self) -> u64 {
         self.period_ns
     }
 
-    /// Whether a triple is one of those at rest.
+    /// True if the bodies are at rest in the triple.
     pub fn is_at_rest(&self, number: u64) -> bool {
         number < self.rest
     }
 
-    /// `world_from_body` in the middle of the exposure of a triple.
+    /// `world_from_body` of each body at the instant of a triple, mm.
     pub fn placed(&self, number: u64) -> [Isometry3<f64>; BODIES] {
         self.placed_after(number, 0.0)
     }
@@ -152,13 +156,13 @@ impl Triples {
         })
     }
 
-    /// Draws the fields of triple `number`, whose instant is `exposed_ns`, into `fields`, in the order in which they are
-    /// to be sent. When the blobs were sent is left to be stamped.
+    /// Computes the fields of triple `number`, whose instant is `exposed_ns`, into `fields`, in the order in
+    /// which they must be sent. `blobs_out_ns` is left for the sender.
     pub fn draw(&self, number: u64, exposed_ns: Nanos, fields: &mut Vec<BlobField>) {
         fields.clear();
         for (camera, sensor) in &self.cameras {
             let Some(own) = self.field_in(sensor, number) else { continue };
-            // Since the triple's instant; most often 0 or negative.
+            // Exposure relative to the triple's instant; 0 or negative within the tolerance of genlock.
             let offset_ns = (own * sensor.period_ns) as i64 - (number * self.period_ns) as i64;
             let mut field = BlobField::zeroed();
             (field.field, field.camera, field.parity) = (own, camera.id, sensor.parity(own, 0));
@@ -169,7 +173,8 @@ impl Triples {
         }
     }
 
-    /// Adds the blobs of all markers to a field that is exposed so much after the instant of triple `number`.
+    /// Adds the blobs of all markers to a field that is exposed `offset_ns` after the instant of triple
+    /// `number`.
     fn see_all(
         &self,
         number: u64,
@@ -183,7 +188,7 @@ impl Triples {
             for marker in markers {
                 let seen = |pose: &Isometry3<f64>| camera.project(&visible(camera, pose, marker));
                 let Some(first) = seen(&placed[body]) else { continue };
-                // A rolling shutter sees each line at an instant of its own.
+                // A rolling shutter exposes each row at a different time.
                 let delay_ns = sensor.row_delay_ns(first.y);
                 let pose = match delay_ns == 0.0 {
                     true => placed[body],
@@ -195,7 +200,8 @@ impl Triples {
     }
 }
 
-/// What of a marker is in the picture, in the world: the middle of a ball, or of a painted band's visible half.
+/// Centre of the visible part of a marker in the world, mm: the centre of a ball, or the middle of the
+/// visible half of a painted band.
 fn visible(camera: &Camera, pose: &Isometry3<f64>, marker: &RigMarker) -> Point3<f64> {
     let on_axis = pose * Point3::from(marker.p);
     if marker.kind == MarkerKind::Sphere {
@@ -207,7 +213,7 @@ fn visible(camera: &Camera, pose: &Isometry3<f64>, marker: &RigMarker) -> Point3
     on_axis + across.try_normalize(1e-9).unwrap_or_default() * (FRAC_PI_4 * marker.r)
 }
 
-/// Adds the blob of a marker, with noise, where its centre is in the picture.
+/// Adds the blob of a marker, with noise, if its centre is within the picture.
 fn see(
     camera: &Camera,
     pose: &Isometry3<f64>,
@@ -269,7 +275,8 @@ mod tests {
     #[test]
     fn every_camera_has_fields_at_its_own_rate_and_sees_each_where_things_are_at_its_exposure() {
         let mut rig = Rig::parse(super::super::RIG, "a rig").unwrap();
-        // One has a field in every fourth triple, one between two instants of triples.
+        // One camera has a field in every fourth triple; the fields of another are exposed between two
+        // instants of triples.
         (rig.cameras[0].field_hz, rig.cameras[1].field_hz) = (Some(50.0), Some(80.0));
         let rig = Rig::parse(&rig.to_json(), "three rates").unwrap();
         let (triples, period_ns) = (Triples::of(&rig, 4), rig.field_period_ns());
@@ -297,7 +304,7 @@ mod tests {
             }
         }
         assert_eq!(sent, [100, 160, 400]);
-        // In motion, a field between two instants shows neither's place.
+        // In motion, a field exposed between two instants shows the pose of neither.
         let between =
             (100..200).find(|n| triples.field_of(rig.cameras[1].id, *n).is_some_and(|k| k % 2 == 1));
         let number = between.unwrap();

@@ -1,5 +1,5 @@
-//! The thread that stands for whoever uses the poses: it waits for them as any program does that reads them, and
-//! stamps each by its own clock as soon as it has it.
+//! Subscriber thread: waits for poses as any reader of the channel does, and timestamps them on receipt with
+//! its own clock.
 
 use super::stream::Triples;
 use super::tally::Tally;
@@ -12,45 +12,47 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::Sender as Credits;
 use tokio::sync::oneshot;
 
-/// Longest wait without a look whether to end, ns.
+/// Maximum time between two checks whether to end, ns.
 const LOOK_NS: u64 = 20_000_000;
-/// Longest wait for poses after the last blobs were sent, ns.
+/// Timeout for poses after the last blobs were sent, ns.
 const LAST_NS: u64 = 1_000_000_000;
 
-/// What the subscriber needs.
+/// Parameters of the subscriber.
 pub struct Subscriber {
-    /// The simulator that it joins.
+    /// Name of the instance to join.
     pub instance: String,
-    /// What the cameras see, and where everything is.
+    /// Generator of the blobs, for the true poses.
     pub triples: Triples,
-    /// What it counts into.
+    /// Statistics to fill.
     pub tally: Tally,
-    /// Signalled for each pose, if the sender waits for it.
+    /// Signalled for each received pose, if the feeder waits for poses.
     pub credits: Option<Credits<()>>,
-    /// Whether it runs under the real-time scheduler.
+    /// True to run under the real-time scheduler.
     pub realtime: bool,
-    /// Raised to end it early.
+    /// Raised to end the subscriber early.
     pub stop: Arc<AtomicBool>,
-    /// When the last blobs were sent, ns; 0 before.
+    /// Time at which the last blobs were sent, ns of `CLOCK_MONOTONIC`; 0 before.
     pub done_ns: Arc<AtomicU64>,
 }
 
-/// Its result.
+/// Results of the subscriber.
 #[derive(Debug)]
 pub struct Read {
-    /// What was counted.
+    /// Statistics of the received poses.
     pub tally: Tally,
-    /// Blocks of its own queue.
+    /// Block counts of the receiver's queue.
     pub counts: Counts,
     /// Fields that the tracker refused.
     pub fields_refused: u32,
 }
 
 impl Subscriber {
-    /// Reads until everything has come, or will not come any more. Says through `ready` that it listens.
+    /// Reads until all poses have arrived or the timeout has passed. Signals `ready` once its channel is
+    /// open.
     ///
     /// # Errors
-    /// Where the channel or the scheduler is refused.
+    /// If the instance or the channel cannot be opened or fails, or the real-time scheduler refuses the
+    /// thread.
     pub fn run(mut self, ready: oneshot::Sender<()>) -> anyhow::Result<Read> {
         if self.realtime {
             raise_this_thread()?;

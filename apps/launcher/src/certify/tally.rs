@@ -1,4 +1,4 @@
-//! What is counted of the poses that a subscriber reads. Pure: instants are arguments.
+//! Statistics of the poses that a subscriber reads. Pure: times are arguments.
 
 use super::slowest::Slowest;
 use super::stream::Triples;
@@ -10,25 +10,26 @@ use protocol::poses::{BODY_NAMES, ClosedBy, TrackerFrame};
 use protocol::time::Nanos;
 use serde::Serialize;
 
-/// Sums of one body.
+/// Sums for one body.
 #[derive(Debug, Clone, Default)]
 struct Body {
-    /// Frames in which it was measured.
+    /// Number of frames with validity *measured*.
     measured: u64,
-    /// The first pose at rest, from which others at rest are distinguished.
+    /// The first pose, `world_from_body`, from which all differences are taken.
     reference: Option<Isometry3<f64>>,
     resting: u64,
-    /// Of positions less the reference's, mm, and of turns from it, rad.
+    /// Sums of the differences from the reference at rest: position, mm, and rotation vector, rad; below, the
+    /// sums of their squared norms, mm² and rad².
     sum: [Vector3<f64>; 2],
     squares: [f64; 2],
-    /// Of the position less the truth at rest, mm.
+    /// Sum of the differences between measured and true position at rest, mm.
     off: Vector3<f64>,
-    /// Least and largest position, mm.
+    /// Minimum and maximum of each coordinate, mm.
     range: Option<[Vector3<f64>; 2]>,
-    /// Largest turn from the reference, rad.
+    /// Largest rotation from the reference, rad.
     turned: f64,
     moving: u64,
-    /// Of errors while it moved, mm² and rad².
+    /// Sums of squared errors in motion: position, mm², and angle, rad².
     errors: [f64; 2],
 }
 
@@ -85,62 +86,62 @@ fn angle_between(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>) -> f64 {
 /// Figures of one body.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BodyFigures {
-    /// Its name.
+    /// Name of the body.
     pub body: &'static str,
-    /// Share of the poses in which it was measured.
+    /// Share of the frames in which the body was measured, 0 to 1.
     pub measured_share: f64,
-    /// Poses at rest.
+    /// Number of poses at rest.
     pub static_frames: u64,
-    /// Root mean square distance of positions at rest from their mean, µm: the tip of an instrument.
+    /// Root mean square distance of the positions at rest from their mean, µm. The position of an instrument
+    /// is that of its tip.
     pub static_noise_um: f64,
-    /// The same of the orientation, mrad.
+    /// Root mean square distance of the orientations at rest from their mean, mrad.
     pub static_noise_mrad: f64,
-    /// Distance of that mean from the truth, µm.
+    /// Distance of the mean position at rest from the truth, µm.
     pub static_offset_um: f64,
-    /// From the least to the largest coordinate, mm.
+    /// Difference between maximum and minimum of each coordinate, mm.
     pub range_mm: [f64; 3],
-    /// Largest turn from the pose at rest, degrees.
+    /// Largest rotation from the first pose, degrees.
     pub range_deg: f64,
-    /// Poses in motion.
+    /// Number of poses in motion.
     pub moving_frames: u64,
-    /// Root mean square error of the position in motion, µm.
+    /// Root mean square position error in motion, µm.
     pub moving_error_um: f64,
-    /// The same of the orientation, mrad.
+    /// Root mean square orientation error in motion, mrad.
     pub moving_error_mrad: f64,
 }
 
-/// Everything that is counted of one stream.
+/// All statistics of one stream.
 #[derive(Debug)]
 pub struct Tally {
-    /// First triple that counts, and how many do.
+    /// First counted triple, and the number of counted triples.
     first: u64,
     triples: u64,
-    /// The number that is due next.
+    /// Lowest triple number that is still accepted.
     next: u64,
-    /// Triples that have their poses.
+    /// Number of triples with poses.
     pub seen: u64,
-    /// Of those, the ones whose frame was closed before all fields were in it.
+    /// Number of triples whose frame was closed before it had all of its fields.
     pub incomplete: u64,
-    /// From the last blob sent until the pose is read; its parts, up to the tracker's having it, tracking, and from
-    /// there to the reader; and from the middle of the exposure.
+    /// Time from the sending of the last blobs to the reading of the poses.
     pub latency: Durations,
-    /// [`Tally::latency`]'s parts.
+    /// Parts of the latency, as named in [`PARTS`].
     pub parts: [Durations; 3],
-    /// What the longest of [`Tally::latency`] are made of.
+    /// Breakdown of the longest latencies.
     pub slowest: Slowest,
-    /// From the middle of the exposure until the pose is read.
+    /// Time from mid-exposure to the reading of the poses.
     pub from_exposure: Durations,
     bodies: [Body; BODIES],
 }
 
-/// The place of tracking proper in [`Tally::parts`].
+/// Index of the tracker's own time in [`Tally::parts`].
 pub const TRACKING: usize = 1;
 /// Names of [`Tally::parts`].
 pub const PARTS: [&str; 3] =
     ["last blob sent → taken by the tracker", "taken → poses sent", "poses sent → read"];
 
 impl Tally {
-    /// Of so many triples from `first` on.
+    /// Statistics of `triples` triples from number `first` on.
     pub fn of(first: u64, triples: u64) -> Self {
         Tally {
             first,
@@ -156,7 +157,7 @@ impl Tally {
         }
     }
 
-    /// Takes a frame that was read at `read_ns`.
+    /// Adds a frame that was read at `read_ns`. Repeated, late and uncounted triples are ignored.
     pub fn note(&mut self, frame: &TrackerFrame, read_ns: Nanos, triples: &Triples) {
         let field = frame.field;
         if field < self.next || field - self.first >= self.triples {
@@ -183,27 +184,27 @@ impl Tally {
         }
     }
 
-    /// Ends it with the triples that were sent, so many with those before the first that counts.
+    /// Limits the counted triples to those sent. `sent` includes the triples before the first counted one.
     pub fn end_with(&mut self, sent: u64) {
         self.triples = self.triples.min(sent.saturating_sub(self.first));
     }
 
-    /// True once the last triple has come.
+    /// True once the last counted triple has arrived.
     pub fn is_full(&self) -> bool {
         self.next == self.first + self.triples
     }
 
-    /// Triples without poses.
+    /// Number of triples without poses.
     pub fn drops(&self) -> u64 {
         self.triples - self.seen
     }
 
-    /// Triples that count.
+    /// Number of counted triples.
     pub fn triples(&self) -> u64 {
         self.triples
     }
 
-    /// Figures of the bodies.
+    /// Figures of each body.
     pub fn bodies(&self) -> Vec<BodyFigures> {
         self.bodies.iter().zip(BODY_NAMES).map(|(body, name)| body.figures(name, self.seen)).collect()
     }
@@ -222,7 +223,7 @@ mod tests {
         Triples::of(&Rig::parse(super::super::RIG, "a rig").unwrap(), 20)
     }
 
-    /// A whole frame, off by so much along x.
+    /// A complete frame whose positions differ from the truth by `off_mm` along x.
     fn frame(triples: &Triples, field: u64, off_mm: f64) -> TrackerFrame {
         let mut frame = TrackerFrame { field, used_count: 3, ..TrackerFrame::zeroed() };
         for (used, camera) in frame.used.iter_mut().zip(0..3) {
@@ -268,7 +269,7 @@ mod tests {
     #[test]
     fn noise_is_about_the_mean_offset_from_the_truth_and_range_of_the_motion() {
         let (triples, mut tally) = (triples(), Tally::of(0, 1_000));
-        // 3 µm to either side of an offset of 10 µm.
+        // Positions 3 µm to either side of an offset of 10 µm.
         (0..1_000).for_each(|n| {
             let off_mm = 0.010 + if n % 2 == 0 { 0.003 } else { -0.003 };
             tally.note(&frame(&triples, n, off_mm), 6_000_000, &triples);
