@@ -1,4 +1,4 @@
-//! `vitreo budgets`: checks reports of runs against their latency budgets, side by side.
+//! `vitreo budgets`: compares the reports of several runs with their latency budgets.
 
 use crate::exit::BUDGET;
 use crate::run::{Judged, Load, NO_LOAD};
@@ -29,7 +29,7 @@ pub struct BudgetsArgs {
     pub brief: bool,
 }
 
-/// The parts of a report that are checked.
+/// The parts of a run's report that are checked.
 #[derive(Debug, Deserialize)]
 struct Report {
     stages: Vec<Stage>,
@@ -37,14 +37,14 @@ struct Report {
     picture: Option<Picture>,
 }
 
-/// The picture's part of a report.
+/// Figures of the picture in a report.
 #[derive(Debug, Deserialize)]
 struct Picture {
-    /// Frames shown at each tier.
+    /// Number of frames shown at each quality tier.
     frames_by_tier: BTreeMap<u32, u64>,
 }
 
-/// A stage of a report. Durations in ms.
+/// Figures of a stage in a report; durations in ms.
 #[derive(Debug, Deserialize)]
 struct Stage {
     stage: String,
@@ -61,14 +61,14 @@ struct Stage {
     below_floor: u64,
 }
 
-/// Verdict on a run.
+/// Verdict on a run, from best to worst.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Verdict {
-    /// Every budget was kept.
+    /// All budgets were met.
     Kept,
-    /// Some were not, and the machine's load explains it.
+    /// Some budgets were exceeded, and the load of other programs explains all of it.
     Explained,
-    /// Some were not.
+    /// Some budgets were exceeded without such an explanation.
     Broken,
 }
 
@@ -107,7 +107,7 @@ impl Report {
         if explained { Verdict::Explained } else { Verdict::Broken }
     }
 
-    /// In a sentence.
+    /// The verdict as a sentence, with the load and the exceeded budgets.
     fn sentence(&self) -> String {
         let load = self.load.map_or_else(|| NO_LOAD.to_owned(), |l| l.text());
         let broken: Vec<String> = self.broken().map(|s| s.blame(self.load)).collect();
@@ -119,7 +119,7 @@ impl Report {
         }
     }
 
-    /// Figures of the picture, if there was one.
+    /// Figures of the rendering and its tiers as text; empty if nothing was drawn.
     fn rendering(&self) -> String {
         let drawn = self.stages.iter().find(|s| s.stage == "rendering" && s.is_judged());
         let (Some(s), Some(picture)) = (drawn, &self.picture) else { return String::new() };
@@ -130,7 +130,8 @@ impl Report {
 }
 
 impl Picture {
-    /// Tiers at which frames were drawn, with their fractions of the frames; the one with the most frames first.
+    /// Quality tiers at which frames were drawn, with their fractions of the frames, 0 to 1; the most
+    /// frequent tier first.
     fn tiers(&self) -> Vec<(u32, f64)> {
         let all = self.frames_by_tier.values().sum::<u64>() as f64;
         let mut tiers: Vec<_> = self.frames_by_tier.iter().collect();
@@ -138,7 +139,7 @@ impl Picture {
         tiers.into_iter().map(|(tier, frames)| (*tier, *frames as f64 / all)).collect()
     }
 
-    /// The same in words.
+    /// The tiers as text for a sentence.
     fn tiers_text(&self) -> String {
         let tiers = self.tiers();
         if let [(tier, _)] = tiers[..] {
@@ -149,7 +150,7 @@ impl Picture {
         format!("quality tiers {}; 0 is the best", shares.collect::<Vec<_>>().join(", "))
     }
 
-    /// The same for a table.
+    /// The tiers as text for a table cell.
     fn tiers_cell(&self) -> String {
         self.tiers().iter().map(|(tier, _)| tier.to_string()).collect::<Vec<_>>().join(", ")
     }
@@ -168,7 +169,7 @@ impl Stage {
         }
     }
 
-    /// Exceeded figures, and their limit under the measured load.
+    /// The exceeded figures of the stage, and their limits under the measured load.
     fn blame(&self, load: Option<Load>) -> String {
         let beside =
             |budget| load.map_or(String::new(), |l| format!(" ({:.1} beside it)", l.allowed_ms(budget)));
@@ -190,7 +191,7 @@ impl Stage {
         format!("{} {}", self.stage, told.join(", "))
     }
 
-    /// The judged figure beside its limit, for a table.
+    /// The figure at the judged percentile and its budget, for a table cell.
     fn cell(&self) -> String {
         match self.is_judged() {
             true => {
@@ -201,10 +202,10 @@ impl Stage {
     }
 }
 
-/// Runs it.
+/// Runs `vitreo budgets`. Returns [`BUDGET`] as exit code if too few reports meet their budgets.
 ///
 /// # Errors
-/// Where a report cannot be read, or judged nothing.
+/// If a report cannot be read or contains no checked budget, or `--at-least` exceeds the number of reports.
 pub fn run(args: &BudgetsArgs) -> anyhow::Result<ExitCode> {
     let reports = args.reports.iter().map(|f| Report::read(f)).collect::<anyhow::Result<Vec<_>>>()?;
     let asked = args.at_least.unwrap_or(reports.len());
@@ -267,7 +268,7 @@ mod tests {
             path
         };
         let good = file("a.json", report(12.0, &beside(1.0)));
-        // 15 ms become 20 where a quarter of the processors was taken.
+        // A budget of 15 ms becomes 20 ms if other programs took a quarter of the processor time.
         let explained = file("b.json", report(19.9, &beside(25.0)));
         let beyond = file("c.json", report(20.1, &beside(25.0)));
         let own = file("d.json", report(15.5, &beside(2.0)));

@@ -1,8 +1,8 @@
-//! The child processes: starting them, reading their output, ending them.
+//! Child processes: starts them, reads their output, ends them.
 //!
-//! Each child runs in a process group of its own, so that Ctrl-C reaches the launcher alone and
-//! the end is in order; `--supervised` makes it end with its parent. Start children from the main
-//! thread: the kernel ties them to the thread that started them.
+//! Each child has a process group of its own, so that Ctrl-C reaches only the launcher, which then ends the
+//! children in order. With `--supervised` a child ends with its parent. Children must be started from the
+//! main thread, because the kernel ties them to the thread that started them.
 
 mod output;
 mod scheduler;
@@ -28,56 +28,56 @@ use std::time::Duration;
 use tokio::sync::{Notify, watch};
 use tokio::time::{Instant, timeout};
 
-/// How long a child may take to follow a request to end.
+/// Timeout for a child to follow a request to end.
 const SHUTDOWN: Duration = Duration::from_secs(3);
-/// How long it may then take to follow SIGTERM; after that comes SIGKILL.
+/// Timeout for a child to follow SIGTERM, before SIGKILL is sent.
 const TERMINATE: Duration = Duration::from_secs(1);
-/// How long the output of a dead child is read: a process that it left behind may hold the pipe.
+/// Timeout for the remaining output of a dead child, whose own children may still hold the pipe.
 const LAST_OUTPUT: Duration = Duration::from_secs(1);
-/// Longest wait for a heartbeat without looking at the deadline.
+/// Maximum wait for a heartbeat between two checks of the deadline.
 const HEARTBEAT_WAIT: Duration = Duration::from_millis(50);
-/// How long before fields are due a tracker under the real-time scheduler wakes, µs: tracking a frame with cold caches
-/// takes up to 0.5 ms.
+/// How long before fields are due a tracker under the real-time scheduler wakes up, µs. Tracking a frame with
+/// cold caches takes up to 0.5 ms.
 const READY_AHEAD_US: &str = "700";
 
-/// How to start a child, besides its arguments.
+/// How to start a child, apart from its arguments.
 #[derive(Debug, Clone, Default)]
 pub struct Surroundings {
-    /// Environment variables, set only where the user has not set them.
+    /// Environment variables, set only if the user has not set them.
     pub environment: Vec<(&'static str, String)>,
-    /// Real-time scheduling, where this user may ask for it: it runs as soon as it wakes up.
+    /// True to use the real-time scheduler, if this user may do so.
     pub realtime: bool,
-    /// Its standard input remains open, for [`Child::tell`].
+    /// True to keep the child's standard input open for [`Child::write_line`].
     pub listens: bool,
-    /// The program that does the process's work in place of ours.
+    /// Program to start instead of the one that usually does the work of this process.
     pub program: Option<PathBuf>,
-    /// Where lines of its standard error go; to that of this program if there is none.
+    /// Receives the lines of the child's standard error; `None` for the launcher's standard error.
     pub lines: Option<LineSender>,
     /// Notified when the child has ended.
     pub ended: Arc<Notify>,
 }
 
-/// A child process. Dropping it kills it, without waiting until it is gone.
+/// A child process. Dropping it kills it, without waiting for it.
 #[derive(Debug)]
 pub struct Child {
     process: Process,
-    /// Of its program.
+    /// File name of its program.
     name: String,
     pid: u32,
     output: Arc<Output>,
-    /// Its standard input, if it reads it.
+    /// Its standard input, if it is open.
     input: Option<File>,
-    /// It has written the line `ready`.
-    said_ready: Arc<AtomicBool>,
-    /// Its exit status, once it has ended and its output has been read.
+    /// True once the child has written the line `ready`.
+    is_ready: Arc<AtomicBool>,
+    /// Its exit status, set after it has ended and its output has been read.
     status: watch::Receiver<Option<ExitStatus>>,
 }
 
 impl Child {
-    /// Starts `process` in the instance `instance` with `--supervised` and further arguments.
+    /// Starts `process` in the instance `instance`, with `--supervised` and the arguments `args`.
     ///
     /// # Errors
-    /// Where its binary is absent or cannot be run.
+    /// If the program is missing or cannot be started.
     pub fn spawn(
         process: Process,
         instance: &str,
@@ -109,34 +109,34 @@ impl Child {
         let pid = child.id().context("the id of a child")?;
         let output = Arc::new(Output::new(open_log(instance, process)));
         let (end, status) = watch::channel(None);
-        let said_ready = Arc::<AtomicBool>::default();
-        tokio::spawn(attend(child, Arc::clone(&output), Arc::clone(&said_ready), surroundings.clone(), end));
-        Ok(Child { process, name, pid, output, input, said_ready, status })
+        let is_ready = Arc::<AtomicBool>::default();
+        tokio::spawn(attend(child, Arc::clone(&output), Arc::clone(&is_ready), surroundings.clone(), end));
+        Ok(Child { process, name, pid, output, input, is_ready, status })
     }
 
-    /// Which process it is.
+    /// The process whose work the child does.
     pub fn process(&self) -> Process {
         self.process
     }
 
-    /// Its operating-system id.
+    /// Its operating-system process id.
     pub fn pid(&self) -> u32 {
         self.pid
     }
 
-    /// Its exit status, once it has ended.
+    /// Its exit status; `None` while it runs.
     pub fn exited(&self) -> Option<ExitStatus> {
         *self.status.borrow()
     }
 
-    /// Waits until it has ended.
+    /// Waits until the child has ended.
     pub async fn ended(&self) {
-        // An error means that the task which waits for it is gone.
+        // An error means that the task that waits for the child is gone.
         let _ = self.status.clone().wait_for(Option::is_some).await;
     }
 
-    /// How it ended, with its last lines, for a message to a person. Where the lines are JSON
-    /// records they have been passed on already and are left out.
+    /// How the child ended, with its last lines, for error messages. If messages are JSON records, the lines
+    /// have already been passed on and are left out.
     pub fn exit_report(&self) -> String {
         let how = match self.exited() {
             Some(status) => format!("ended ({status})"),
@@ -147,26 +147,26 @@ impl Child {
         format!("{} {how}{lines}", self.name)
     }
 
-    /// Writes a line to its standard input and closes it.
+    /// Writes a line to the child's standard input and closes it.
     ///
     /// # Errors
-    /// Where it does not listen, or has ended.
-    pub fn tell(&mut self, line: &str) -> io::Result<()> {
+    /// If standard input is not open, or the child has ended.
+    pub fn write_line(&mut self, line: &str) -> io::Result<()> {
         let mut input = self.input.take().ok_or(io::ErrorKind::BrokenPipe)?;
         input.write_all(format!("{line}\n").as_bytes())
     }
 
-    /// True if it has written the line `ready` on its standard output.
-    pub fn has_said_ready(&self) -> bool {
-        self.said_ready.load(Ordering::Relaxed)
+    /// True once the child has written the line `ready` to its standard output.
+    pub fn is_ready(&self) -> bool {
+        self.is_ready.load(Ordering::Relaxed)
     }
 
-    /// Asks it to end, by SIGTERM.
+    /// Sends SIGTERM.
     pub fn terminate(&self) {
         self.signal(Signal::TERM);
     }
 
-    /// Ends it at once, by SIGKILL, and waits until it is gone.
+    /// Sends SIGKILL and waits until the child has ended.
     pub async fn kill(&self) {
         self.signal(Signal::KILL);
         self.ended().await;
@@ -187,11 +187,11 @@ impl Drop for Child {
     }
 }
 
-/// Reads a child's output, waits for its end, and publishes its exit status.
+/// Reads the output of a child, waits for its end, and publishes its exit status.
 async fn attend(
     mut child: tokio::process::Child,
     output: Arc<Output>,
-    said_ready: Arc<AtomicBool>,
+    is_ready: Arc<AtomicBool>,
     surroundings: Surroundings,
     end: watch::Sender<Option<ExitStatus>>,
 ) {
@@ -201,7 +201,7 @@ async fn attend(
     let printed = tokio::spawn(async move {
         if let Some(pipe) = stdout {
             let note = |line: &str| {
-                said_ready.fetch_or(line == "ready", Ordering::Relaxed);
+                is_ready.fetch_or(line == "ready", Ordering::Relaxed);
             };
             written.read(pipe, note).await;
         }
@@ -225,11 +225,11 @@ fn open_log(instance: &str, process: Process) -> Option<File> {
     File::options().create(true).append(true).open(directory.join(format!("{}.log", process.name()))).ok()
 }
 
-/// Waits until the heartbeat of every child shows that it works, for at most `limit`. `health` must
-/// have been opened before the children were started; `ended` is the one of their surroundings.
+/// Waits until the heartbeats of all children report that they have started, for at most `limit`. `health`
+/// must have been opened before the children were started; `ended` is that of their [`Surroundings`].
 ///
 /// # Errors
-/// With the last lines of a child that ends, of those that are late, and where `stop` is raised.
+/// If a child ends early or is late (with its last lines), `stop` is raised, or the channel fails.
 pub async fn wait_until_running(
     health: &mut Receiver<Health>,
     children: &[Child],
@@ -266,7 +266,7 @@ pub async fn wait_until_running(
     Ok(())
 }
 
-/// Waits until every child has ended, for at most `limit`; true if all have.
+/// Waits until all children have ended, for at most `limit`; false if some have not.
 async fn all_ended(children: &[Child], limit: Duration) -> bool {
     let all = async {
         for child in children {
@@ -276,7 +276,7 @@ async fn all_ended(children: &[Child], limit: Duration) -> bool {
     timeout(limit, all).await.is_ok()
 }
 
-/// Ends children in order: a request, then SIGTERM, then SIGKILL. Returns those that were killed.
+/// Ends the children: by a request, then SIGTERM, then SIGKILL. Returns the processes that were killed.
 pub async fn end_all(children: &[Child], requests: &mut Sender<Request>, seq: u64) -> Vec<Process> {
     let command = ControlCommand::Shutdown as u32;
     let shutdown = Request { seq, argument: 0, target: EVERY_PROCESS, command };

@@ -1,4 +1,4 @@
-//! The command line: one sub-command a module.
+//! The command line of `vitreo`; each sub-command has its own module.
 
 use crate::forward::{self, ForwardArgs};
 use crate::programs::{BRIDGE, CALIBRATION, CAMERA, COMMISSION, CONTROLS, RENDERER, REPLAY, STREAMS};

@@ -1,7 +1,7 @@
-//! `vitreo config`: values and sources of all options, and a template file.
+//! `vitreo config`: shows the values and sources of all options, and writes a template file.
 //!
-//! The camera's, the calibration's and the renderer's programs have commands of their own and are
-//! asked what these take.
+//! Programs with commands of their own (such as the camera's, the calibration's and the renderer's) are
+//! started to list their options.
 
 use crate::programs::{SETTINGS, WITH_SETTINGS};
 use anyhow::Context;
@@ -44,41 +44,42 @@ enum What {
     Path,
 }
 
-/// An option that has a value.
+/// An option with its value.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 struct Setting {
-    /// The table, empty at the top.
+    /// The table; empty for the top of the file.
     table: String,
     key: String,
-    /// As TOML writes it.
+    /// The value as TOML.
     value: String,
     from: Origin,
     #[serde(skip_serializing_if = "Option::is_none")]
     file: Option<String>,
-    /// From 1 on.
+    /// Line in the file, from 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     line: Option<usize>,
-    /// The environment's variable.
+    /// Name of the environment variable.
     #[serde(skip_serializing_if = "Option::is_none")]
     variable: Option<&'static str>,
 }
 
-/// Where a value comes from.
+/// Source of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 enum Origin {
-    /// Built in.
+    /// The program's default.
     Default,
-    /// A line of a file.
+    /// A line of a settings file.
     File,
-    /// A variable of the environment.
+    /// An environment variable.
     Environment,
 }
 
-/// Runs it; `line` is this program's command line.
+/// Runs `vitreo config`; `line` is the command line of this program.
 ///
 /// # Errors
-/// Where a file is refused, another program does not answer, or the new file cannot be written.
+/// If a settings file is invalid, another program does not list its options, or the template cannot be
+/// written.
 pub fn run(args: &ConfigArgs, line: Command) -> anyhow::Result<ExitCode> {
     let files = Files::of_this_machine();
     match &args.what {
@@ -96,14 +97,14 @@ pub fn run(args: &ConfigArgs, line: Command) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The options of this program and of those that have commands of their own.
+/// The options of this program and of all programs in [`WITH_SETTINGS`].
 fn every_option(line: Command) -> anyhow::Result<Vec<SettableOption>> {
     let mut all = options(line, &SETTINGS);
     for binary in WITH_SETTINGS {
         let answer = command(binary)?.arg(ASK).output().with_context(|| format!("start {binary}"))?;
         let text = String::from_utf8_lossy(&answer.stdout);
         let own = from_json(&text).with_context(|| format!("{binary} {ASK}: expected its options"))?;
-        // Those of all commands are the same in every program.
+        // Options of all commands are the same in every program.
         all.extend(own.into_iter().filter(|option| !option.table.is_empty()));
     }
     Ok(all)
@@ -127,7 +128,7 @@ fn show(json: bool, mut line: Command, files: &Files) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Keys of tables that other programs read; they judge the values when they run.
+/// Checks the keys in tables of other programs. Their values are checked by those programs when they run.
 fn check_elsewhere(options: &[SettableOption], entries: &[Entry]) -> anyhow::Result<()> {
     let tables = SETTINGS.elsewhere.unwrap_or_default();
     for entry in entries {
@@ -142,7 +143,7 @@ fn check_elsewhere(options: &[SettableOption], entries: &[Entry]) -> anyhow::Res
     Ok(())
 }
 
-/// Every option that has a value: of the environment, of a file, built in.
+/// All options that have a value, with its source: environment, file or default.
 fn values(options: &[SettableOption], entries: &[Entry], log: Option<&str>) -> Vec<Setting> {
     let of = |table: &str, key: &str, default: Option<&String>| {
         let entry = entries.iter().find(|e| e.table.join(".") == table && e.key == key);
@@ -163,7 +164,7 @@ fn values(options: &[SettableOption], entries: &[Entry], log: Option<&str>) -> V
                 variable: Some(LOG_VARIABLE),
                 ..blank
             }),
-            // The variable silences what says the same in files.
+            // The environment variable overrides all logging options in files.
             (Some(entry), log) if !(logs && log.is_some()) => Some(Setting {
                 value: entry.value.to_string(),
                 from: Origin::File,
@@ -178,7 +179,7 @@ fn values(options: &[SettableOption], entries: &[Entry], log: Option<&str>) -> V
         .iter()
         .filter(|o| !o.hidden || entries.iter().any(|e| e.table.join(".") == o.table && e.key == o.key));
     let own = shown.filter_map(|o| of(&o.table, &o.key, o.default.as_ref()));
-    // Options of all commands may stand in the table of one.
+    // Options of all commands may also be in the table of one command.
     let inner = entries
         .iter()
         .filter(|e| !e.table.is_empty() && options.iter().any(|o| o.table.is_empty() && o.key == e.key));
@@ -189,7 +190,7 @@ fn values(options: &[SettableOption], entries: &[Entry], log: Option<&str>) -> V
     all
 }
 
-/// As a file of settings, with where each value comes from behind it.
+/// Formats the options as a settings file, with the source of each value in a comment.
 fn table(settings: &[Setting]) -> String {
     let mut text = String::new();
     let mut last = "";
@@ -209,7 +210,7 @@ fn table(settings: &[Setting]) -> String {
     text
 }
 
-/// A file that sets nothing and names everything.
+/// A settings file that contains every option in a comment.
 fn template(options: &[SettableOption]) -> String {
     let mut text =
         "# Defaults of vitreo's options. Remove the # from a line to set it. Options on a command line take\n\

@@ -1,4 +1,4 @@
-//! `vitreo ctl`: asks a running simulator for a pause, a restart, the next level or its end.
+//! `vitreo ctl`: sends a request (pause, resume, restart, next level, quit) to a running simulator.
 
 use crate::runtime::{Wakeups, block_on};
 use anyhow::{Context, bail};
@@ -11,7 +11,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 use tokio::time::timeout;
 
-/// How long the launcher may take to obey: for the next level it makes new tissue.
+/// Timeout for the launcher's answer. For the next level, it creates new tissue first.
 const ANSWER: Duration = Duration::from_secs(60);
 
 /// Arguments of `vitreo ctl`.
@@ -52,10 +52,10 @@ impl What {
     }
 }
 
-/// Runs it.
+/// Runs `vitreo ctl`.
 ///
 /// # Errors
-/// Where no such simulator runs, it refuses, or it does not answer.
+/// If no such simulator is running, it refuses the request, or it does not answer within [`ANSWER`].
 pub fn run(args: &CtlArgs) -> anyhow::Result<ExitCode> {
     block_on(request(args))
 }
@@ -80,7 +80,7 @@ async fn request(args: &CtlArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The launcher's answer to request `seq`.
+/// Waits for the launcher's answer to request `seq`.
 async fn answer_to(seq: u64, answers: &mut Receiver<Answer>) -> anyhow::Result<Answer> {
     let wakeups = Wakeups::of(&[&*answers])?;
     loop {

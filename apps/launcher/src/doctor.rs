@@ -1,4 +1,4 @@
-//! `vitreo doctor`: checks of this machine, each with a remedy.
+//! `vitreo doctor`: checks this machine and names a remedy for each problem.
 
 mod devices;
 mod graphics;
@@ -27,24 +27,24 @@ pub struct DoctorArgs {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum State {
-    /// As it should be.
+    /// No problem.
     Ok,
-    /// Works, with a limitation.
+    /// Works with a limitation.
     Warn,
     /// Does not work.
     Fail,
 }
 
-/// One check.
+/// A check with its result.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Check {
-    /// Name.
+    /// Name of the check.
     pub name: &'static str,
     /// Result.
     pub state: State,
-    /// Finding.
+    /// What was found.
     pub found: String,
-    /// Command that fixes it.
+    /// Command or advice that fixes the problem.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mend: Option<String>,
 }
@@ -84,10 +84,10 @@ fn table(checks: &[Check]) -> String {
     checks.iter().map(line).collect()
 }
 
-/// Runs it. Exit code 1 where something does not work.
+/// Runs `vitreo doctor`. The exit code is [`FAILED`] if a check fails.
 ///
 /// # Errors
-/// Where the JSON cannot be written.
+/// If the JSON cannot be written.
 pub fn run(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
     let mut checks = every_check();
     if args.rig {

@@ -1,4 +1,4 @@
-//! Exit codes of this program's errors.
+//! Maps this program's errors to exit codes.
 
 pub use outputs::exit::*;
 
@@ -10,7 +10,7 @@ pub fn code_of(error: &anyhow::Error) -> u8 {
     if error.chain().find_map(is_wrong_use) == Some(true) { WRONG_USE } else { FAILED }
 }
 
-/// Whether a cause is wrong use; `None` where that depends on its own cause.
+/// True if the cause is wrong usage, false if it is another failure; `None` if that depends on its own cause.
 fn is_wrong_use(cause: &(dyn Error + 'static)) -> Option<bool> {
     let own = cause.downcast_ref().map(|error| matches!(error, IpcError::InstanceName(_)));
     let known =

@@ -1,4 +1,4 @@
-//! Sub-commands of other crates: forwarded to their binaries.
+//! Sub-commands of other programs, which replace this process (`exec`).
 
 use anyhow::Context;
 use ipc::logging::arguments;
@@ -17,11 +17,11 @@ pub struct ForwardArgs {
     pub rest: Vec<OsString>,
 }
 
-/// Becomes `binary SUB_COMMAND …` under the name `called`, which usage lines then say: output, help
-/// and exit code are those of this command.
+/// Replaces this process with `binary SUB_COMMAND …`, whose output, help and exit code become those of this
+/// command. `called` is the program name that usage lines show.
 ///
 /// # Errors
-/// Where the binary cannot be started; it does not return otherwise.
+/// If the program is missing or cannot be started. On success the function does not return.
 pub fn to(
     binary: &str,
     called: &str,
@@ -35,11 +35,11 @@ pub fn to(
     Err(command.exec()).with_context(|| format!("start {binary}"))
 }
 
-/// Becomes `binary` with this command's whole command line, which this program has checked: it is
-/// declared once, for both.
+/// Replaces this process with `binary` and the whole command line of this process. The command is declared
+/// once for both programs, so this one has already checked it.
 ///
 /// # Errors
-/// Where the binary cannot be started; it does not return otherwise.
+/// If the program is missing or cannot be started. On success the function does not return.
 pub fn whole(binary: &str) -> anyhow::Result<ExitCode> {
     let mut command = command(binary)?;
     command.arg0("vitreo").args(std::env::args_os().skip(1)).env(ALREADY_REPORTED, "1");

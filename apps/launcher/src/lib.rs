@@ -1,6 +1,6 @@
-//! The launcher: starts the processes of a simulator, supervises them and records.
+//! The launcher: starts the processes of a simulator, supervises them, and records their channels.
 //!
-//! It starts the other crates' binaries and never links them.
+//! It starts the programs of the other crates and does not link those crates.
 
 pub mod budgets;
 pub mod certify;

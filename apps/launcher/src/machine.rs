@@ -4,11 +4,11 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use serde::Serialize;
 use std::fs::read_to_string;
 
-/// Files that the launcher of a run has open at most: its ends of all channels, with those of restarted
-/// processes; 250 were measured with a picture.
+/// Maximum number of files that the launcher of a run has open: its ends of all channels, including those to
+/// restarted processes. 250 were measured with a picture.
 const OPEN_FILES: u64 = 384;
 
-/// The machine.
+/// Description of a machine.
 #[derive(Debug, Clone, Serialize)]
 pub struct Machine {
     /// Logical processors this process may use.
@@ -23,17 +23,17 @@ pub struct Machine {
     pub memory_mib: u64,
 }
 
-/// Lets this program open as many files as a run needs, where the system allows it.
+/// Raises this process's limit of open files to what a run needs.
 ///
 /// # Errors
-/// Where it does not.
+/// If the system does not allow that many open files, or refuses the new limit.
 pub fn allow_open_files() -> anyhow::Result<()> {
     let limit = getrlimit(Resource::Nofile);
     let Some(raised) = raised(limit.current, limit.maximum)? else { return Ok(()) };
     Ok(setrlimit(Resource::Nofile, Rlimit { current: Some(raised), ..limit })?)
 }
 
-/// The limit to be set, if it is to be raised; `None` in a limit is none.
+/// The limit to set; `None` if it need not be raised. A limit of `None` is unlimited.
 fn raised(current: Option<u64>, maximum: Option<u64>) -> anyhow::Result<Option<u64>> {
     if current.is_none_or(|current| current >= OPEN_FILES) {
         return Ok(None);
@@ -46,21 +46,21 @@ fn raised(current: Option<u64>, maximum: Option<u64>) -> anyhow::Result<Option<u
     }
 }
 
-/// The value of a line `key : value` of a file in /proc.
+/// The value of a line `key : value` in a file of `/proc`.
 fn value_of<'t>(text: &'t str, key: &str) -> Option<&'t str> {
     let lines = text.lines().filter_map(|l| l.split_once(':'));
     let mut found = lines.filter(|(k, _)| k.trim() == key);
     found.next().map(|(_, v)| v.trim())
 }
 
-/// Size in MiB of a line such as `MemTotal: 123 kB`.
+/// Value in MiB of a line such as `MemTotal: 123 kB`.
 fn mib_of(meminfo: &str, key: &str) -> Option<u64> {
     let kib = value_of(meminfo, key)?.split_whitespace().next()?;
     kib.parse::<u64>().ok().map(|k| k / 1024)
 }
 
 impl Machine {
-    /// Reads what this machine is. What cannot be read is "unknown" or 0.
+    /// Describes this machine. Unreadable values are "unknown" or 0.
     pub fn detect() -> Self {
         let read = |path: &str| read_to_string(path).unwrap_or_default();
         let (cpuinfo, release) = (read("/proc/cpuinfo"), read("/proc/sys/kernel/osrelease"));
@@ -76,7 +76,7 @@ impl Machine {
     }
 }
 
-/// True if a graphical display can be reached.
+/// True if a graphical display is configured in the environment.
 pub fn has_display() -> bool {
     ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|v| std::env::var_os(v).is_some_and(|t| !t.is_empty()))
 }

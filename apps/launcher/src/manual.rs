@@ -1,5 +1,5 @@
-//! `vitreo completions` and `vitreo man`: shell completions and manual pages, generated from the command
-//! line's own description, so that it cannot say anything else.
+//! `vitreo completions` and `vitreo man`: shell completions and manual pages, both generated from the
+//! declaration of the command line.
 
 use anyhow::Context;
 use clap::Command;
@@ -10,7 +10,7 @@ use outputs::{Force, Outputs, print};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Name of the command.
+/// Name of the program.
 const NAME: &str = "vitreo";
 
 /// Arguments of `vitreo completions`.
@@ -34,7 +34,7 @@ pub struct ManArgs {
 /// Prints the completions for a shell.
 ///
 /// # Errors
-/// None.
+/// Never fails.
 pub fn completions(args: &CompletionsArgs, line: Command) -> anyhow::Result<ExitCode> {
     print!("{}", completions_of(args.shell, line));
     Ok(ExitCode::SUCCESS)
@@ -46,15 +46,15 @@ fn completions_of(shell: Shell, mut line: Command) -> String {
     String::from_utf8_lossy(&text).into_owned()
 }
 
-/// Writes a page for the command and one for each of its sub-commands.
+/// Writes a manual page for the program and for each sub-command.
 ///
 /// # Errors
-/// Where a page exists and `--force` is not given, or cannot be written.
+/// If a page exists and `--force` is not given, or a page cannot be written.
 pub fn man(args: &ManArgs, line: Command) -> anyhow::Result<ExitCode> {
     let mut outputs = Outputs::new(args.force.force);
     let pages = pages(line)?;
     let paths: Vec<PathBuf> = pages.iter().map(|(name, _)| args.folder.join(name)).collect();
-    // Before the first page is written, so that none or all are.
+    // All pages are claimed before the first is written, so that either all are written or none.
     paths.iter().try_for_each(|path| outputs.claim(path))?;
     for (path, (_, text)) in paths.iter().zip(&pages) {
         outputs.write(path, text)?;
@@ -63,7 +63,7 @@ pub fn man(args: &ManArgs, line: Command) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Names and texts of all pages, section 1.
+/// File names and texts of all pages, section 1.
 fn pages(mut root: Command) -> anyhow::Result<Vec<(String, Vec<u8>)>> {
     // Gives sub-commands their full names.
     root.build();

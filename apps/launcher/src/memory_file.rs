@@ -1,4 +1,4 @@
-//! A text file in memory for the child processes, which leaves nothing on disk however the command ends.
+//! A text file in memory for child processes, which leaves nothing on disk even if the command is killed.
 
 use anyhow::Context;
 use rustix::fs::{MemfdFlags, memfd_create};
@@ -6,14 +6,14 @@ use std::fs::File;
 use std::io::{Seek, Write};
 use std::os::fd::AsRawFd;
 
-/// A file in memory that lasts as long as this value and is reached through this process.
+/// A file in memory that exists as long as this value and that processes open through `/proc`.
 #[derive(Debug)]
 pub struct MemoryFile(File);
 
 impl MemoryFile {
-    /// With `text`.
+    /// Creates a file that contains `text`.
     ///
-    /// # Errors
+    /// If the system provides no memory.
     /// Where the system grants no memory.
     pub fn new(text: &str) -> anyhow::Result<Self> {
         let mut file =
@@ -25,14 +25,14 @@ impl MemoryFile {
     /// Replaces the contents with `text`.
     ///
     /// # Errors
-    /// Where the system grants no memory.
+    /// If the system provides no memory.
     pub fn replace(&mut self, text: &str) -> anyhow::Result<()> {
         self.0.set_len(0)?;
         self.0.rewind()?;
         Ok(self.0.write_all(text.as_bytes())?)
     }
 
-    /// The name under which every process of this user finds it.
+    /// Path under which every process of this user can open the file.
     pub fn name(&self) -> String {
         format!("/proc/{}/fd/{}", std::process::id(), self.0.as_raw_fd())
     }

@@ -1,4 +1,4 @@
-//! `vitreo modules`: lists the training modules and composes the scene of `vitreo run --module`.
+//! `vitreo modules`: lists the training modules. Also composes the scene of `vitreo run --module`.
 
 use crate::memory_file::MemoryFile;
 use anyhow::bail;
@@ -21,10 +21,10 @@ pub struct ModulesArgs {
     pub json: bool,
 }
 
-/// Runs it.
+/// Runs `vitreo modules`.
 ///
 /// # Errors
-/// Where a module file is refused.
+/// If a module is unknown or its file is invalid.
 pub fn run(args: &ModulesArgs) -> anyhow::Result<ExitCode> {
     if let Some(name) = &args.scene {
         let scene = surgeon::compose(&surgeon::load(name)?, args.level, &SKILLS[0], 1)?;
@@ -52,7 +52,8 @@ pub fn run(args: &ModulesArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// A composed scene in a file that lasts as long as this value, for the processes to read.
+/// A module's scene at one level with a surgeon's script, in a file for the child processes that exists as
+/// long as this value.
 #[derive(Debug)]
 pub struct Composed {
     file: MemoryFile,
@@ -60,15 +61,15 @@ pub struct Composed {
     surgeon: Skill,
     seed: u64,
     level: u32,
-    /// Longest attempt of the surgeon, s: everything that can be done again is.
+    /// Maximum length of the surgeon's attempt, s, with every repeatable step repeated.
     pub longest_s: f64,
 }
 
 impl Composed {
-    /// The module's level with the script of a surgeon, drawn from a seed.
+    /// Composes a level of a module with the script of a surgeon, drawn from a seed.
     ///
     /// # Errors
-    /// Where the module, its level or the surgeon is unknown, or its file is refused.
+    /// If the module, its level or the surgeon is unknown, or the module file is invalid.
     pub fn new(module: &str, level: u32, surgeon: &str, seed: u64) -> anyhow::Result<Self> {
         let surgeon = named(surgeon)?;
         let (file, module) = (MemoryFile::new("")?, surgeon::load(module)?);
@@ -84,10 +85,10 @@ impl Composed {
         Ok(())
     }
 
-    /// Puts the next level's scene into the same file; its number.
+    /// Replaces the contents of the file with the scene of the next level. Returns the number of that level.
     ///
     /// # Errors
-    /// Where the level is the last, or the scene cannot be written.
+    /// If this is the last level, or the scene cannot be composed or written.
     pub fn next_level(&mut self) -> anyhow::Result<u32> {
         if self.level >= self.module.levels() {
             bail!("level {} of {} is the last", self.level, self.module.name);
@@ -97,7 +98,7 @@ impl Composed {
         Ok(self.level)
     }
 
-    /// Its name.
+    /// Path of the file.
     pub fn name(&self) -> String {
         self.file.name()
     }

@@ -1,4 +1,4 @@
-//! `vitreo play`: a person at a desk moves the instruments by mouse, keyboard or gamepad.
+//! `vitreo play`: a user at a desk moves the instruments with mouse, keyboard or gamepad.
 
 use crate::machine::has_display;
 use crate::run::{self, MAX_RESTARTS, OutputArgs, RunArgs, TraceOutArgs, TrainingArgs, TrialArgs, ViewArgs};
@@ -11,7 +11,7 @@ use settings::commands::{Arrangement, StoreArgs, WritingArgs};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// The module where none is named: the easiest one.
+/// Default module, the easiest one.
 const FIRST_MODULE: &str = "navigation";
 
 /// Arguments of `vitreo play`.
@@ -81,10 +81,10 @@ pub struct PlayArgs {
     pub video: Option<PathBuf>,
 }
 
-/// Runs it.
+/// Runs `vitreo play`.
 ///
 /// # Errors
-/// Where there is no display and no file of inputs; otherwise those of a run.
+/// If there is neither a display nor a file of inputs; otherwise the errors of a run.
 pub fn run(args: &PlayArgs) -> anyhow::Result<ExitCode> {
     if args.keys {
         print!("{}", table());
@@ -99,7 +99,7 @@ pub fn run(args: &PlayArgs) -> anyhow::Result<ExitCode> {
 }
 
 impl PlayArgs {
-    /// As a run with a person at the desk.
+    /// The arguments of the run that `vitreo play` stands for.
     fn run_args(&self) -> RunArgs {
         let module = self.module.clone().or_else(|| self.scene.is_none().then(|| FIRST_MODULE.into()));
         let training = TrainingArgs {
@@ -148,7 +148,7 @@ impl PlayArgs {
     }
 }
 
-/// What keys, mouse and gamepad do, as a table of Markdown.
+/// The effects of keys, mouse and gamepad, as a Markdown table.
 pub fn table() -> String {
     let line = |(keys, text): (String, &str)| format!("| {keys} | {text} |\n");
     format!("| key | what it does |\n|---|---|\n{}", rows().map(line).collect::<String>())

@@ -1,26 +1,26 @@
-//! The programs behind `vitreo`, and the tables of vitreo.toml that belong to this one.
+//! The programs behind `vitreo`, and the tables of vitreo.toml that belong to `vitreo` itself.
 
 use settings::Program;
 
-/// The binary of the camera hardware.
+/// Software twin of the camera hardware.
 pub const CAMERA: &str = "vitreo-fpga-model";
-/// The binary of cameras of this machine, and of pictures through pipes and from files.
+/// Local cameras, and pictures from pipes and files.
 pub const STREAMS: &str = "vitreo-cameras";
-/// The binary of a real pedal and real handles.
+/// A real pedal and real handles.
 pub const CONTROLS: &str = "vitreo-controls";
-/// The binary that takes a new rig into use.
+/// Commissioning of a new rig.
 pub const COMMISSION: &str = "vitreo-commission";
-/// The binary of the picture.
+/// The renderer.
 pub const RENDERER: &str = "vitreo-renderer";
-/// The binary of recordings that are run again.
+/// Replay and analysis of recordings.
 pub const REPLAY: &str = "vitreo-replay";
-/// The binary that hands poses on to other programs.
+/// Exchange of poses with other programs.
 pub const BRIDGE: &str = "vitreo-bridge";
-/// The binary of the calibrations.
+/// The calibrations.
 pub const CALIBRATION: &str = "vitreo-calibration";
 
-/// This program's part of vitreo.toml. Tables of commands that belong to other programs are read there;
-/// commands that help to mend a file do without.
+/// The part of vitreo.toml that belongs to `vitreo`. Tables of commands of other programs are read by those
+/// programs. The commands in `without` read no file, so that they work even if a file is invalid.
 pub const SETTINGS: Program = Program {
     prefix: "",
     without: &["config", "completions", "man"],
@@ -37,5 +37,5 @@ pub const SETTINGS: Program = Program {
         "handles",
     ]),
 };
-/// The programs of [`SETTINGS`]' tables elsewhere.
+/// The programs that read the tables in `elsewhere` of [`SETTINGS`].
 pub const WITH_SETTINGS: [&str; 6] = [CAMERA, CALIBRATION, COMMISSION, RENDERER, STREAMS, CONTROLS];

@@ -1,8 +1,8 @@
-//! The tokio runtime of a command: its signals, and tasks that wait for channels.
+//! The tokio runtime of a command: signals, and waiting for channels.
 //!
-//! The command itself runs on the calling thread, because the ports of a channel may not change
-//! threads. Output of children and timers are served by one worker thread, signals by another
-//! ([`ipc::signals`]), so that a second Ctrl-C ends the program even while the command is busy.
+//! The command runs on the calling thread, because the ports of a channel must not change threads. One worker
+//! thread serves the output of children and the timers, another thread the signals ([`ipc::signals`]), so
+//! that a second Ctrl-C ends the program even while the command is busy.
 
 use anyhow::Context;
 use ipc::Wakes;
@@ -21,22 +21,22 @@ pub use outputs::exit::INTERRUPTED;
 /// Runs a command to its end.
 ///
 /// # Errors
-/// The command's own, and where the worker thread cannot be started.
+/// The errors of the command, and an error if the worker thread cannot be started.
 pub fn block_on<T>(command: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {
     let runtime = Builder::new_multi_thread().worker_threads(1).enable_all().build();
     runtime.context("start the runtime")?.block_on(command)
 }
 
-/// Raised by Ctrl-C, SIGTERM and SIGHUP; one that comes half a second or more after the first ends
-/// the program at once.
+/// Raised by Ctrl-C, SIGTERM and SIGHUP. A signal half a second or more after the first one ends the program
+/// at once.
 #[derive(Debug, Clone)]
 pub struct StopSignal(watch::Receiver<bool>);
 
 impl StopSignal {
-    /// Takes the signals over from now on.
+    /// Installs the signal handlers.
     ///
     /// # Errors
-    /// Where the system refuses a handler.
+    /// If the system refuses a handler.
     pub fn install() -> anyhow::Result<Self> {
         let (raise, raised) = watch::channel(false);
         let asked = move || {
@@ -46,19 +46,19 @@ impl StopSignal {
         Ok(Self(raised))
     }
 
-    /// One that is raised by hand.
+    /// A signal that the test raises itself.
     #[cfg(test)]
     pub fn manual() -> (watch::Sender<bool>, Self) {
         let (raise, raised) = watch::channel(false);
         (raise, Self(raised))
     }
 
-    /// True once a signal has come.
+    /// True once a signal has arrived.
     pub fn is_raised(&self) -> bool {
         *self.0.borrow()
     }
 
-    /// Waits for a signal; ready at once if one has come.
+    /// Waits for a signal; returns at once if one has arrived.
     pub async fn raised(&self) {
         if self.0.clone().wait_for(|raised| *raised).await.is_err() {
             pending().await
@@ -66,14 +66,14 @@ impl StopSignal {
     }
 }
 
-/// Wakes a task when one of several channels has something new.
+/// Wakes a task when one of several channels has new data.
 pub struct Wakeups(Vec<AsyncFd<OwnedFd>>);
 
 impl Wakeups {
     /// Listens to `sources`, as long as they are open.
     ///
     /// # Errors
-    /// Where no further descriptor can be opened.
+    /// If no further descriptor can be opened.
     pub fn of(sources: &[&dyn Wakes]) -> io::Result<Self> {
         #[expect(deprecated, reason = "the successor is unsafe; this descriptor is owned and stays open")]
         let listen = |source: &&dyn Wakes| {
@@ -83,15 +83,15 @@ impl Wakeups {
         sources.iter().map(listen).collect::<io::Result<_>>().map(Self)
     }
 
-    /// Waits for a notification, at most for `limit`: one may be lost, the data never is. The
-    /// caller then takes the notifications away ([`ipc::wait`] without time) and drains every
-    /// source.
+    /// Waits for a notification, for at most `limit`, because a notification can be lost (data cannot).
+    /// Afterwards the caller must consume the notifications (with [`ipc::wait`] and a timeout of 0) and drain
+    /// every source.
     pub async fn wait(&self, limit: Duration) {
         let any = poll_fn(|context| {
             let mut woken = false;
             for descriptor in &self.0 {
                 if let Poll::Ready(Ok(mut ready)) = descriptor.poll_read_ready(context) {
-                    // Before the caller drains: what comes later makes it ready again.
+                    // Cleared before the caller drains, so that data that arrives later wakes it again.
                     ready.clear_ready();
                     woken = true;
                 }

@@ -1,4 +1,4 @@
-//! Output of child processes: kept for error messages, logged, and passed on unchanged.
+//! Output of child processes: kept for error messages, written to a log file, and passed on unchanged.
 
 use outputs::printable;
 use std::collections::VecDeque;
@@ -8,17 +8,17 @@ use std::sync::{Mutex, PoisonError};
 use tokio::io::{AsyncBufReadExt, AsyncRead, AsyncReadExt, BufReader};
 use tokio::sync::mpsc;
 
-/// Lines of a child's output that are kept for messages.
+/// Number of lines of a child's output that are kept for error messages.
 const TAIL_LINES: usize = 30;
-/// Longest line that is kept, bytes; a longer one is cut into several.
+/// Maximum length of a line, bytes; longer lines are split.
 const LINE_BYTES: u64 = 4096;
-/// A child's log file stops growing here, bytes.
+/// Maximum size of a child's log file, bytes.
 const LOG_BYTES: usize = 1 << 20;
 
-/// Takes the lines of children's standard error, for the one part that draws on the terminal.
+/// Queue for the lines of children's standard error, read by the task that draws on the terminal.
 pub type LineSender = mpsc::Sender<String>;
 
-/// Output of a child up to now.
+/// Output of a child so far.
 #[derive(Debug, Default)]
 pub(super) struct Output {
     kept: Mutex<Kept>,
@@ -32,12 +32,12 @@ struct Kept {
 }
 
 impl Output {
-    /// Lines also go to `log`, if there is one.
+    /// Creates an empty output. Lines are also written to `log`, if there is one.
     pub(super) fn new(log: Option<File>) -> Self {
         Output { kept: Mutex::new(Kept { log, ..Kept::default() }) }
     }
 
-    /// The last lines.
+    /// The last lines, oldest first.
     pub(super) fn tail(&self) -> Vec<String> {
         self.kept.lock().unwrap_or_else(PoisonError::into_inner).tail.iter().cloned().collect()
     }
@@ -57,7 +57,8 @@ impl Output {
         }
     }
 
-    /// Reads a pipe of the child to its end, so that the child never blocks on it.
+    /// Reads a pipe of the child to its end, so that the child never blocks on a full pipe. Each line is also
+    /// given to `pass_on`.
     pub(super) async fn read(&self, pipe: impl AsyncRead + Unpin, mut pass_on: impl FnMut(&str)) {
         let mut reader = BufReader::new(pipe);
         let mut line = Vec::new();
@@ -70,8 +71,8 @@ impl Output {
     }
 }
 
-/// Passes a line of a child's standard error on, as it is. `lines` is for a launcher that draws on the
-/// terminal; lines that do not fit its queue are dropped.
+/// Passes on a line of a child's standard error: to `lines`, if the launcher draws on the terminal, else to
+/// standard error. Lines that do not fit the queue are dropped.
 pub(super) fn pass_on(line: &str, lines: Option<&LineSender>) {
     match lines {
         Some(lines) => drop(lines.try_send(line.to_owned())),

@@ -1,4 +1,4 @@
-//! Scheduling policies of child processes.
+//! Scheduling of child processes and of the launcher's own threads.
 
 use anyhow::{Context, ensure};
 use ipc::programs::set_environment;
@@ -6,10 +6,10 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::OnceLock;
 
-/// Priority of real-time processes, 1 to 99; above ordinary ones, below the kernel's own threads.
+/// Priority of real-time processes, 1 to 99: above ordinary processes, below the kernel's threads.
 pub const REALTIME_PRIORITY: &str = "10";
 
-/// True if `chrt` is installed and this user may start real-time processes. Tested once.
+/// True if `chrt` is installed and this user may start real-time processes. The test runs once.
 pub fn realtime_allowed() -> bool {
     static ALLOWED: OnceLock<bool> = OnceLock::new();
     *ALLOWED.get_or_init(|| {
@@ -20,11 +20,11 @@ pub fn realtime_allowed() -> bool {
     })
 }
 
-/// Puts the calling thread under the real-time scheduler, as processes are that it is given for: what is measured
-/// beside them then waits no longer than they do.
+/// Puts the calling thread under the real-time scheduler with the same priority as the child processes, so
+/// that it waits no longer for the processor than they do.
 ///
 /// # Errors
-/// Where `chrt` is not there or refuses.
+/// If `chrt` is missing or refuses.
 pub fn raise_this_thread() -> anyhow::Result<()> {
     let thread = rustix::thread::gettid().as_raw_nonzero().to_string();
     let mut raise = Command::new("chrt");
@@ -35,11 +35,11 @@ pub fn raise_this_thread() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The command that runs a program, with `realtime` under the real-time scheduler.
+/// A command that starts a program, under the real-time scheduler if `realtime`.
 pub fn scheduled_command(program: &Path, realtime: bool) -> Command {
     let mut command = Command::new(if realtime { Path::new("chrt") } else { program });
     if realtime {
-        // `chrt` replaces itself by the program: the child's id is the program's.
+        // `chrt` replaces itself with the program, so the child's id is that of the program.
         command.args(["--rr", REALTIME_PRIORITY]).arg(program);
     }
     set_environment(&mut command);

@@ -1,4 +1,4 @@
-//! Every option of every command can be set by a file, and says where its value comes from.
+//! Tests that files can set every option of every command, and that the source of each value is shown.
 
 use super::*;
 use crate::cli::Cli;
@@ -16,7 +16,7 @@ fn files(folder: &Path, text: &str) -> Files {
     Files { paths: vec![path], ..Files::default() }
 }
 
-/// A value that an option takes, as TOML writes it: of those that are right for some option.
+/// A TOML value that the option accepts, found by trying.
 fn value_of(command: &clap::Command, arg: &Arg) -> String {
     let possible = arg.get_possible_values();
     let first = possible.first().map(|v| format!("\"{}\"", v.get_name()));
@@ -54,7 +54,7 @@ fn value_of(command: &clap::Command, arg: &Arg) -> String {
     found.unwrap_or_else(|| panic!("no value for {} --{}", command.get_name(), arg.get_long().unwrap()))
 }
 
-/// Every command with the path to it.
+/// All commands below `command`, with their paths.
 fn commands(command: &clap::Command, path: &[String], to: &mut Vec<(Vec<String>, clap::Command)>) {
     for below in command.get_subcommands().filter(|c| c.get_name() != "help") {
         let path = [path, &[below.get_name().to_owned()]].concat();
@@ -63,7 +63,7 @@ fn commands(command: &clap::Command, path: &[String], to: &mut Vec<(Vec<String>,
     }
 }
 
-/// A value for each argument that a command cannot do without.
+/// Arguments with a value for each required argument of a command.
 fn required(command: &clap::Command) -> Vec<String> {
     let needed = command.get_arguments().filter(|a| a.is_required_set());
     let word = |arg: &Arg| {
@@ -92,7 +92,8 @@ fn every_option_of_every_command_can_be_set() {
             let words = std::iter::once("vitreo".to_owned()).chain(path.clone()).chain(required(command));
             let typed: Vec<OsString> = words.map(OsString::from).collect();
             let without = matches(Cli::command(), &SETTINGS, &Files::default(), typed.clone());
-            // Where the option needs another the setting rests; the command does what it did without it.
+            // If the option requires another option, the setting is ignored and the command behaves as
+            // without it.
             let with = matches(Cli::command(), &SETTINGS, &files, typed);
             let kind = |e: &settings::Refusal| match e {
                 settings::Refusal::CommandLine(error) => Some(error.kind()),
@@ -122,7 +123,7 @@ fn a_setting_reaches_the_command() {
         (cli.log.quiet, run.virtual_rig.seed, run.view.no_picture, run.training.level),
         (1, 8, true, 2)
     );
-    // A window is asked for: what the file says against it rests.
+    // `--window` on the command line excludes `no-picture` of the file.
     let cli = parse(&["run", "--window"]);
     let crate::cli::Command::Run(run) = cli.command else { panic!("no run") };
     assert!(run.view.window && !run.view.no_picture);

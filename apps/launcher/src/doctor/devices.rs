@@ -1,4 +1,4 @@
-//! Cameras, gamepads, pedals and serial lines, and whether this user may use them.
+//! Checks for cameras, gamepads, pedals and serial ports, and for this user's access to them.
 
 use super::Check;
 use rustix::fs::{Access, access};
@@ -6,7 +6,7 @@ use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// First of a gamepad's buttons among the keys of an input device (`BTN_SOUTH` of Linux).
+/// Lowest key code of a gamepad button (`BTN_SOUTH` of Linux), which identifies gamepads.
 const BTN_SOUTH: usize = 0x130;
 
 pub(super) fn checks() -> Vec<Check> {
@@ -36,12 +36,12 @@ pub(super) fn checks() -> Vec<Check> {
     ]
 }
 
-/// A device that may be used or not.
+/// A device, and this user's access to it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Device {
     path: PathBuf,
     name: String,
-    /// What to type, where this user may not use it.
+    /// Command that gives this user access; `None` if the user has access.
     mend: Option<String>,
 }
 
@@ -52,7 +52,8 @@ impl Device {
     }
 }
 
-/// How this user may come to use a device: by its group, where that has the right to.
+/// Command that gives this user access to a device: membership in its group if the group may read it, else
+/// ownership.
 pub(super) fn remedy(path: &Path) -> String {
     let about = fs::metadata(path).ok();
     let groups = fs::read_to_string("/etc/group").unwrap_or_default();
@@ -64,14 +65,14 @@ pub(super) fn remedy(path: &Path) -> String {
     }
 }
 
-/// Name of a group, from the lines of `/etc/group`.
+/// Name of the group with this id in the text of `/etc/group`.
 fn name_of(groups: &str, gid: u32) -> Option<String> {
     let fields = groups.lines().map(|l| l.split(':').collect::<Vec<_>>());
     let mut own = fields.filter(|f| f.get(2).is_some_and(|id| *id == gid.to_string()));
     own.next().map(|f| f[0].to_owned())
 }
 
-/// The cameras of this machine, with what their drivers call them.
+/// The cameras of this machine, with the names that their drivers report.
 fn cameras(dev: &Path, drivers: &Path) -> Vec<Device> {
     let entries = fs::read_dir(dev).into_iter().flatten().flatten();
     let names = entries.map(|e| e.file_name().to_string_lossy().into_owned());
@@ -85,7 +86,7 @@ fn cameras(dev: &Path, drivers: &Path) -> Vec<Device> {
     names.into_iter().map(look).collect()
 }
 
-/// Serial lines over USB.
+/// The USB serial ports.
 fn serial_lines(dev: &Path) -> Vec<Device> {
     let entries = fs::read_dir(dev).into_iter().flatten().flatten();
     let names = entries.map(|e| e.file_name().to_string_lossy().into_owned());
@@ -95,7 +96,7 @@ fn serial_lines(dev: &Path) -> Vec<Device> {
     names.into_iter().map(|name| Device::look(dev.join(&name), "serial".into(), Access::READ_OK)).collect()
 }
 
-/// Names and event files of what calls itself a pedal or foot switch.
+/// Names and event files of devices whose name suggests a pedal or foot switch.
 fn pedals_of(listed: &str) -> Vec<(String, String)> {
     devices_of(listed, |name, _| {
         let name = name.to_lowercase();
@@ -103,12 +104,13 @@ fn pedals_of(listed: &str) -> Vec<(String, String)> {
     })
 }
 
-/// Names and event files of the gamepads in `/proc/bus/input/devices`.
+/// Names and event files of the gamepads listed in `/proc/bus/input/devices`.
 fn gamepads_of(listed: &str) -> Vec<(String, String)> {
     devices_of(listed, |_, keys| has_key(keys, BTN_SOUTH))
 }
 
-/// Names and event files of those devices in `/proc/bus/input/devices` whose name and keys are `wanted`.
+/// Names and event files of the devices in `/proc/bus/input/devices` for whose name and key bits `wanted` is
+/// true.
 fn devices_of(listed: &str, wanted: impl Fn(&str, &str) -> bool) -> Vec<(String, String)> {
     let line = |block: &str, key: &str| {
         block.lines().find_map(|l| l.strip_prefix(key).map(|l| l.trim().trim_matches('"').to_owned()))
@@ -123,7 +125,7 @@ fn devices_of(listed: &str, wanted: impl Fn(&str, &str) -> bool) -> Vec<(String,
     listed.split("\n\n").filter_map(of_block).collect()
 }
 
-/// Whether a bit is set in words of 64 bits, the highest first.
+/// True if bit `key` is set in hexadecimal words of 64 bits, most significant word first.
 fn has_key(words: &str, key: usize) -> bool {
     let word = words.split_whitespace().rev().nth(key / 64);
     word.and_then(|w| u64::from_str_radix(w, 16).ok()).is_some_and(|w| w >> (key % 64) & 1 == 1)

@@ -1,14 +1,14 @@
-//! Display, graphics hardware, Vulkan loader and drivers.
+//! Checks for display, graphics hardware, Vulkan loader and Vulkan drivers.
 
 use super::Check;
 use crate::machine::has_display;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Where the loader looks for driver manifests, besides `VK_DRIVER_FILES`.
+/// Folders in which the Vulkan loader searches driver manifests, unless `VK_DRIVER_FILES` is set.
 const MANIFEST_FOLDERS: [&str; 3] =
     ["/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vulkan/icd.d"];
-/// Where libraries are.
+/// Folders in which shared libraries are searched.
 const LIBRARY_FOLDERS: [&str; 6] = [
     "/usr/lib/x86_64-linux-gnu",
     "/usr/lib/aarch64-linux-gnu",
@@ -17,7 +17,7 @@ const LIBRARY_FOLDERS: [&str; 6] = [
     "/lib",
     "/usr/local/lib",
 ];
-/// Installs loader and software driver on Debian and its relatives.
+/// Command that installs loader and software driver on Debian and its derivatives.
 const INSTALL: &str = "sudo apt-get install mesa-vulkan-drivers libvulkan1";
 
 pub(super) fn checks() -> Vec<Check> {
@@ -60,7 +60,7 @@ fn hardware(devices: &[String]) -> Check {
     Check::ok("graphics hardware", devices.join(", "))
 }
 
-/// Path of a shared library.
+/// Path of a shared library, if it is installed.
 fn library(name: &str) -> Option<PathBuf> {
     LIBRARY_FOLDERS.iter().map(|f| Path::new(f).join(name)).find(|p| p.exists())
 }
@@ -72,18 +72,18 @@ fn loader(path: Option<PathBuf>) -> Check {
     }
 }
 
-/// The way round.
+/// Command that runs without graphics.
 const WITHOUT: &str = "vitreo run --no-picture";
 
-/// A driver's manifest.
+/// Manifest of a Vulkan driver.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Manifest {
     file: PathBuf,
-    /// Its library, and whether that exists.
+    /// The library named in the manifest, and whether it exists; `None` if the manifest names none.
     library: Option<(String, bool)>,
 }
 
-/// Manifests of the drivers that the loader would find.
+/// Manifests of the drivers that the Vulkan loader would find.
 fn manifests() -> Vec<Manifest> {
     let named = std::env::var("VK_DRIVER_FILES").or_else(|_| std::env::var("VK_ICD_FILENAMES"));
     let files: Vec<PathBuf> = match named {
@@ -110,7 +110,7 @@ fn manifests() -> Vec<Manifest> {
     all
 }
 
-/// The `library_path` of a manifest.
+/// The `library_path` in a manifest.
 fn driver_library(text: &str) -> Option<String> {
     let json: serde_json::Value = serde_json::from_str(text).ok()?;
     Some(json.get("ICD")?.get("library_path")?.as_str()?.to_string())

@@ -1,5 +1,5 @@
-//! Directories of simulators in shared memory that no launcher owns: left behind, or in use by a
-//! process that was started by hand.
+//! Checks for directories of simulators in shared memory that no launcher owns: left over from killed
+//! simulators, or in use by processes that were started by hand.
 
 use super::Check;
 use ipc::shared_memory_prefix;
@@ -10,7 +10,7 @@ pub(super) fn checks() -> Vec<Check> {
     vec![leftovers(Path::new("/dev/shm"))]
 }
 
-/// Directories of simulators of this user that no launcher owns any more.
+/// Directories of this user's simulators that no running launcher owns.
 fn ownerless(shm: &Path) -> Vec<PathBuf> {
     let prefix = format!("vitreo-{}-", rustix::process::getuid().as_raw());
     let mine = |e: &fs::DirEntry| e.file_name().to_string_lossy().starts_with(&prefix);
@@ -24,8 +24,8 @@ fn is_owned(directory: &Path) -> bool {
     rustix::fs::flock(&lock, rustix::fs::FlockOperation::NonBlockingLockShared).is_err()
 }
 
-/// The processes, by number and program, that have a file of the instance open or in their memory.
-/// Those of other users cannot be looked into, nor can they use it.
+/// Processes, as id and program, that have a file of the instance open or mapped. Processes of other users
+/// are not visible; they cannot use the instance.
 fn users_of(directory: &Path) -> Vec<String> {
     let inside = format!("{}/", directory.display());
     let shared = shared_memory_prefix(directory).map(|p| p.display().to_string());
@@ -73,7 +73,7 @@ fn leftovers(shm: &Path) -> Check {
     Check::warn(name, found, format!("rm -rf {}", remedy.join(" ")))
 }
 
-/// The directory and its files in shared memory, for a shell.
+/// Arguments for `rm`: the directory and its files in shared memory.
 fn remedy(directory: &Path) -> String {
     let shared = shared_memory_prefix(directory).map(|p| format!(" {}*", p.display()));
     format!("{}{}", directory.display(), shared.unwrap_or_default())
@@ -108,7 +108,7 @@ mod tests {
         let shm = tempfile::tempdir().unwrap();
         let [used, _] = ["used", "use"].map(|n| directory(shm.path(), n));
         let lock = fs::File::open(used.join("owner.lock")).unwrap();
-        // It runs until it is ended.
+        // The process runs until it is killed below.
         let null = Stdio::null();
         let mut user =
             Command::new("tail").args(["-f", "/dev/null"]).stdin(lock).stdout(null).spawn().unwrap();

@@ -1,4 +1,4 @@
-//! Checks of the configured rig: its file, and the presence of and access to its devices.
+//! Checks of the configured rig: its file, and the presence of its devices and this user's access to them.
 
 use super::Check;
 use super::devices::remedy;
@@ -15,10 +15,11 @@ use settings::commands::cameras::{Cameras, Stream};
 use settings::files::Files;
 use std::path::Path;
 
-/// Where a rig's settings are written.
+/// Where the settings of a rig belong.
 const WHERE: &str = "set it in [run] of /etc/vitreo/vitreo.toml (docs/install.md)";
 
-/// Environment of a rig's service, as `packaging/systemd/vitreo-rig.service` starts it.
+/// Checks the rig that the settings of this machine configure, as `packaging/systemd/vitreo-rig.service` runs
+/// it.
 pub(super) fn checks() -> Vec<Check> {
     match run_of_settings(&Files::of_this_machine()) {
         Ok(run) => checks_of(&run, has_display(), &Screen::of_this_machine()),
@@ -28,7 +29,7 @@ pub(super) fn checks() -> Vec<Check> {
     }
 }
 
-/// What `vitreo run` would be given by the files.
+/// The arguments that `vitreo run --unscripted` would get from the settings files.
 fn run_of_settings(files: &Files) -> Result<RunArgs, String> {
     let typed = ["vitreo", "run", "--unscripted"].map(Into::into).to_vec();
     let parsed = matches(Cli::command(), &SETTINGS, files, typed).map_err(|refusal| match refusal {
@@ -41,12 +42,12 @@ fn run_of_settings(files: &Files) -> Result<RunArgs, String> {
     }
 }
 
-/// What the service with a picture shows it on, and by.
+/// What the service with a picture needs to show it.
 #[derive(Debug, Default)]
 struct Screen {
-    /// A connector of this machine to which a display is connected.
+    /// Name of a connector of this machine with a connected display.
     connected: Option<String>,
-    /// Whether cage is installed.
+    /// True if the compositor cage is installed.
     has_cage: bool,
 }
 
@@ -59,7 +60,7 @@ impl Screen {
     }
 }
 
-/// The first connector with a display, by name, below a folder of the kernel's.
+/// The first connector with a connected display, in the order of names, in the folder `/sys/class/drm`.
 fn connected(connectors: &Path) -> Option<String> {
     let entries = std::fs::read_dir(connectors).ok()?.flatten();
     let has_display = |folder: &std::fs::DirEntry| {
@@ -96,7 +97,7 @@ fn rig_file(run: &RunArgs) -> (Check, Option<Rig>) {
     }
 }
 
-/// One of each source, and one where their number is not that of the rig's cameras.
+/// Checks each source of `--cameras`, and that their number is that of the rig's cameras.
 fn cameras(run: &RunArgs, rig: Option<&Rig>) -> Vec<Check> {
     const NAME: &str = "cameras of the rig";
     match run.real.given() {
@@ -166,7 +167,7 @@ fn picture(run: &RunArgs, display: bool, screen: &Screen) -> Check {
     }
 }
 
-/// Whether the service with a picture finds what it needs, where this user has no display.
+/// Checks what the service with a picture needs, if this user has no display.
 fn on_the_machine(name: &'static str, screen: &Screen) -> Check {
     let Some(connector) = &screen.connected else {
         let found =
@@ -180,10 +181,10 @@ fn on_the_machine(name: &'static str, screen: &Screen) -> Check {
     Check::warn(name, found, "sudo apt-get install cage xwayland")
 }
 
-/// How a rig comes to a display.
+/// Advice for a rig without a display.
 const DISPLAY: &str = "run it in the session of the machine's display (docs/install.md)";
 
-/// Whether a device, pipe or program is there for this user.
+/// Checks that a device, pipe or program exists and that this user has access to it.
 fn usable(name: &'static str, path: &Path, wanted: Access) -> Check {
     let shown = path.display();
     if !path.exists() {

@@ -1,4 +1,4 @@
-//! Processors, shared memory, limits, binaries.
+//! Checks for processors, kernel, shared memory, scheduling, limits, terminal and programs.
 
 use super::Check;
 use crate::children::realtime_allowed;
@@ -9,11 +9,11 @@ use protocol::health::Process;
 use rustix::process::{Resource, getrlimit};
 use std::io::IsTerminal;
 
-/// Shared memory below this is too little to start, MiB; a run needs about 96.
+/// Free shared memory that a run needs, MiB.
 const SHM_NEEDED_MIB: u64 = 96;
-/// Below this a second simulator or a checker may not fit, MiB.
+/// Free shared memory below which a second simulator or a checker may not fit, MiB.
 const SHM_COMFORT_MIB: u64 = 256;
-/// Lockable memory worth having, bytes.
+/// Lockable memory below which a warning is given, bytes.
 const MEMLOCK: u64 = 64 << 20;
 
 pub(super) fn checks() -> Vec<Check> {
@@ -43,7 +43,7 @@ fn processors(cpus: usize, name: &str) -> Check {
     }
 }
 
-/// Size and free space of shared memory, MiB.
+/// Size and free space of shared memory, MiB; `None` if it is missing.
 fn shm_mib() -> Option<(u64, u64)> {
     let vfs = rustix::fs::statvfs("/dev/shm").ok()?;
     Some(((vfs.f_blocks * vfs.f_frsize) >> 20, (vfs.f_bavail * vfs.f_frsize) >> 20))
@@ -65,7 +65,7 @@ fn shared_memory(size_and_free_mib: Option<(u64, u64)>) -> Check {
     }
 }
 
-/// The soft limit; `None` is unlimited.
+/// The soft limit of a resource; `None` if unlimited.
 fn limit(resource: Resource) -> Option<u64> {
     getrlimit(resource).current
 }

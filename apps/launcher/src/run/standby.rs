@@ -58,7 +58,7 @@ impl Standby {
 
     /// True if the first one need not be waited for: it is ready, or there is none.
     pub fn is_prepared(&self) -> bool {
-        self.begun && self.children.iter().all(|c| c.has_said_ready() || c.exited().is_some())
+        self.begun && self.children.iter().all(|c| c.is_ready() || c.exited().is_some())
     }
 
     /// Stores a started standby; `None` if it could not start.
@@ -83,7 +83,7 @@ impl Standby {
         let mut child = self.children.remove(0);
         (self.used, self.at_work_since) = (true, None);
         // The tier; none where none was drawn yet.
-        child.tell(arguments.last().map_or("", String::as_str)).ok()?;
+        child.write_line(arguments.last().map_or("", String::as_str)).ok()?;
         Some(child)
     }
 }

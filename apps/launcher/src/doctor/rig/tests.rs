@@ -1,4 +1,4 @@
-//! Rigs that are whole, and rigs of which each part is missing in turn.
+//! Tests with a complete rig, and with rigs that lack one part each.
 
 use super::*;
 use crate::doctor::State;
@@ -20,7 +20,7 @@ fn of<'c>(checks: &'c [Check], name: &str) -> Vec<&'c Check> {
     checks.iter().filter(|check| check.name.starts_with(name)).collect()
 }
 
-/// The shipped rig, and a file for each device.
+/// Settings of the shipped rig with a file in place of each device.
 fn whole(folder: &Path) -> String {
     let rig = folder.join("rig.json");
     fs::write(&rig, include_str!("../../../../../assets/rig.json")).unwrap();
