@@ -80,7 +80,7 @@ pub enum Command {
 /// Runs the chosen sub-command.
 ///
 /// # Errors
-/// Those of the sub-command.
+/// The errors of the sub-command.
 pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
     match &cli.command {
         Command::Run(args) => crate::run::run(args),

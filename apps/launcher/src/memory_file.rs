@@ -13,8 +13,8 @@ pub struct MemoryFile(File);
 impl MemoryFile {
     /// Creates a file that contains `text`.
     ///
+    /// # Errors
     /// If the system provides no memory.
-    /// Where the system grants no memory.
     pub fn new(text: &str) -> anyhow::Result<Self> {
         let mut file =
             MemoryFile(memfd_create("vitreo", MemfdFlags::CLOEXEC).context("a file in memory")?.into());

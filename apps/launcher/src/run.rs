@@ -1,14 +1,16 @@
-//! `vitreo run`: the simulator, live.
-//! - `options`, `arguments`: the command line and its value parsers
-//! - `session`: the loop that receives, supervises, records and shows
-//! - `cameras`: real cameras, and waiting for them; `recorded_rig`: the rig of recorded ones
+//! `vitreo run`: runs the simulator in real time.
+//! - `options`, `arguments`: the command line and the parsers of its values
+//! - `session`: the main loop, which receives, supervises, records and shows the status
+//! - `cameras`: real cameras, and waiting for them; `recorded_rig`: the rig of recorded cameras
 //! - `colours`: colour classes; `controls`: a real pedal and real handles
 //! - `attempt_control`: requests for a pause, a restart or the next level
-//! - `supervisor`, `policy`, `standby`: starting, restarting, bounding restarts
-//! - `channel_tap`, `recorder`, `resume`: receiving, recording, and the journal for a restarted simulation
-//! - `delivery`: sources that never deliver; `watch`: warnings; `field_trace`: the timeline of every field
-//! - `likely_cause`: the cause of large residuals, at the end
-//! - `latency_stats`, `load`, `report`: latencies against budgets; `monitor`, `screen`: the status
+//! - `supervisor`, `policy`, `standby`: starting and restarting processes, limits of restarts, standby renderers
+//! - `channel_tap`, `recorder`, `resume`: receiving, recording, and the journal from which a restarted
+//!   simulation resumes
+//! - `delivery`: sources that deliver nothing; `watch`, `silence`: warnings; `field_trace`: the trace of every
+//!   field
+//! - `likely_cause`: the cause of large residuals, searched for at the end
+//! - `latency_stats`, `load`, `report`: latencies compared with budgets; `monitor`, `screen`: the status
 
 mod arguments;
 mod attempt_control;
@@ -70,11 +72,11 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::SystemTime;
 
-/// Runs it.
+/// Runs `vitreo run`.
 ///
 /// # Errors
-/// Where arguments or files are refused, a process does not start or dies too often, or the attempt
-/// cannot be kept.
+/// If arguments or files are refused, a process does not start or dies too often, or the attempt cannot be
+/// saved.
 pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     block_on(simulate(args))
 }
@@ -85,7 +87,7 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     if args.real.unscripted && args.real.poses.is_none() && !cameras::wait(args, &stop).await {
         return Ok(ExitCode::SUCCESS);
     }
-    // The rig of a recording and the composed scene last as long as this does.
+    // The files of the recorded rig and of the composed scene exist as long as these values.
     let (args, _rig) = &args.with_rig_of_recording()?;
     let composed = args.training.module.as_deref();
     let composed = composed
@@ -110,7 +112,7 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
         attempts.iter().for_each(|a| print!("{}", attempt_text(a, attempts.len())));
         likely_cause::print(&mut report, args.is_tracked(), &stop).await;
     }
-    // Whatever becomes of the report, the attempt is kept.
+    // The attempt is saved even if the report cannot be written.
     let written =
         args.outputs.report.as_deref().map(|file| write_report(&report, &mut outputs, file)).transpose();
     outcome?;
@@ -122,14 +124,15 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::from(verdict(&report, args, view)))
 }
 
-/// Score of an attempt, with its level if there were several.
+/// The score of an attempt as text, with its level if there were several attempts.
 fn attempt_text(attempt: &Attempt, attempts: usize) -> String {
     let text = live_text(&attempt.live);
     if attempts > 1 && !text.is_empty() { format!("level {}: {text}", attempt.level) } else { text }
 }
 
-/// Saves the attempts in the results store, including abandoned ones. Attempts that never began are skipped;
-/// if there is no other, that is an error.
+/// Saves the attempts in the results store, including abandoned ones. An attempt that cannot be saved and has
+/// no score is skipped with a warning if a person operated, there were several attempts, or `--stay` was
+/// given; otherwise the error is returned.
 fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Result<()> {
     let mut store = open_store(&args.training.store)?;
     let person = args.desk.is_some() || args.real.given().is_some() || args.real.driver().is_some();
@@ -149,7 +152,8 @@ fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Resu
     Ok(())
 }
 
-/// What makes the recording of this run complete; reads rig and scene, and so checks them early.
+/// Rig, scene, versions and settings, which make a recording self-contained. Called early, because it also
+/// validates rig and scene.
 fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
     let rig = Rig::load_or_shipped(args.rig.rig.as_deref()).context("--rig")?;
     let scene_name = args.scene.scene.as_deref().unwrap_or(DEFAULT_SCENE);
@@ -160,7 +164,7 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
         ("vitreo", Some(versions.vitreo.to_string())),
         ("profile", Some(versions.profile.to_string())),
         (STATE_HASH, Some(STATE_HASH_VERSION.to_string())),
-        // A desk's poses are no tracker's.
+        // The poses of a desk do not come from a tracker.
         (TRACKER, args.is_tracked().then(|| TRACKER_VERSION.to_string())),
     ];
     Ok(Provenance {
@@ -174,7 +178,7 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
     })
 }
 
-/// What was asked for in this run, by key.
+/// The settings of this run by key, for the recording.
 fn settings_of(args: &RunArgs) -> BTreeMap<String, String> {
     let file = |p: &Option<std::path::PathBuf>| p.as_ref().map(|p| p.display().to_string());
     let cameras = &args.virtual_rig;
@@ -189,7 +193,7 @@ fn settings_of(args: &RunArgs) -> BTreeMap<String, String> {
             args.desk
                 .as_ref()
                 .map(|d| file(&d.inputs).or_else(|| d.input.clone()).unwrap_or_else(|| AUTO.into()))
-                // Poses of another's tracker are taken as they are, as a desk's are.
+                // Poses of another tracker are used as they are, like those of a desk.
                 .or_else(|| (!args.is_tracked()).then(|| Process::PosesDriver.name().into())),
         ),
         ("poses", args.real.poses.as_ref().map(ToString::to_string)),
@@ -211,7 +215,7 @@ fn settings_of(args: &RunArgs) -> BTreeMap<String, String> {
     config.into_iter().filter_map(|(k, v)| Some((k.to_string(), v?))).collect()
 }
 
-/// Module, level and scripted surgeon, if any.
+/// Module, level and scripted surgeon, if any, as text.
 fn module(args: &RunArgs, name: &str, scripted: bool) -> String {
     let who = if scripted { format!(", {}", args.training.surgeon) } else { String::new() };
     format!("{name} level {}{who}", args.training.level)
@@ -222,8 +226,8 @@ fn write_report(report: &Report, outputs: &mut Outputs, file: &Path) -> anyhow::
     outputs.write(file, text + "\n").context("the report is not written")
 }
 
-/// Frames that nothing explains which the user has read of: neither restarts nor silences nor gaps that the
-/// input was asked to have; and whether they are more than a trace.
+/// Text about frames that are missing although their fields arrived, and whether they are enough to count as
+/// loss. `None` if restarts, silences or gaps of the input, which are reported elsewhere, explain them.
 fn missing_singly(report: &Report, input_has_gaps: bool) -> Option<(String, bool)> {
     let restarted = report.restarts.values().any(|n| *n > 0);
     let missing = report.frames_withheld.saturating_sub(report.overwritten);
@@ -235,7 +239,7 @@ fn missing_singly(report: &Report, input_has_gaps: bool) -> Option<(String, bool
     Some((text, is_loss(missing, due)))
 }
 
-/// The exit code, with its reasons on standard error.
+/// Prints the reasons for the exit code on standard error and returns the code.
 fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
     if let Some(problem) = delivery::never_came(args, report) {
         warn(&problem);
@@ -247,7 +251,7 @@ fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
     }
     let code = verdict_of_losses(report, args);
     if !report.unfinished.is_empty() {
-        // Their last lines have given the reason.
+        // The reason is in the last lines of these processes.
         warn("not everything could be written");
         return FAILED;
     }
@@ -263,7 +267,7 @@ fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
     if args.judge.assert_budgets { verdict_of_budgets(report, view).unwrap_or(code) } else { code }
 }
 
-/// [`LOSS`] where something was lost, else 0.
+/// [`LOSS`] if something was lost, else 0.
 fn verdict_of_losses(report: &Report, args: &RunArgs) -> u8 {
     let mut code = 0;
     let lost = report.recording.as_ref().map_or(0, |recording| recording.lost + report.overwritten);
@@ -289,7 +293,8 @@ fn verdict_of_losses(report: &Report, args: &RunArgs) -> u8 {
     code
 }
 
-/// [`BUDGET`] where a latency budget was exceeded, [`FAILED`] where one that counts was not measured.
+/// [`BUDGET`] if a latency budget was exceeded, [`FAILED`] if a stage with a budget was not measured, `None`
+/// otherwise.
 fn verdict_of_budgets(report: &Report, view: View) -> Option<u8> {
     let broken: Vec<_> = report.stages.iter().filter(|s| s.broken).collect();
     broken.iter().for_each(|stage| warn(&stage.blame()));

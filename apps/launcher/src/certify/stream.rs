@@ -162,7 +162,7 @@ impl Triples {
         fields.clear();
         for (camera, sensor) in &self.cameras {
             let Some(own) = self.field_in(sensor, number) else { continue };
-            // Exposure relative to the triple's instant; 0 or negative within the tolerance of genlock.
+            // Exposure relative to the triple's instant: usually 0 or negative, at most the tolerance of genlock.
             let offset_ns = (own * sensor.period_ns) as i64 - (number * self.period_ns) as i64;
             let mut field = BlobField::zeroed();
             (field.field, field.camera, field.parity) = (own, camera.id, sensor.parity(own, 0));

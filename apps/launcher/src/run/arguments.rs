@@ -1,27 +1,27 @@
-//! Value parsers of `vitreo run`'s options.
+//! Parsers for values of `vitreo run`'s options.
 
 use protocol::budget::Stage;
 
-/// A duration, s.
+/// Parses a duration above 0 s, at most a year, s.
 pub(crate) fn positive(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("expected seconds, found '{text}'"))?;
     let range = 0.0..=86_400.0 * 365.0;
     if value > 0.0 && range.contains(&value) { Ok(value) } else { Err("expected more than 0 s".into()) }
 }
 
-/// A percentile, 0 to 100.
+/// Parses a percentile, 0 to 100.
 pub(super) fn percentile(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("expected a number, found '{text}'"))?;
     if (0.0..=100.0).contains(&value) { Ok(value) } else { Err("expected 0 to 100".into()) }
 }
 
-/// A share, 0 to 1.
+/// Parses a fraction, 0 to 1.
 pub fn share(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("expected a number, found '{text}'"))?;
     if (0.0..=1.0).contains(&value) { Ok(value) } else { Err("expected 0 to 1".into()) }
 }
 
-/// `STAGE=MS`: a stage of the data path and what to delay it by, ms.
+/// Parses `STAGE=MS`: a stage of the data path, and the delay to inject into it, ms.
 pub(super) fn injected_delay(text: &str) -> Result<(Stage, f64), String> {
     let names = || {
         let single = Stage::ALL.iter().filter(|&&s| s != Stage::WholeSystem);

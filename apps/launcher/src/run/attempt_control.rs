@@ -1,8 +1,7 @@
-//! Requests for a pause, a restart, the next level or the end of an attempt. Pure.
+//! Queue of requests for a pause, a restart, the next level or the end of the run. Pure.
 //!
-//! Keys of the window and the gamepad ask on channel `inputs`, the foot by three buttons on
-//! `pedal`, a command line (`vitreo ctl`) on `control`. All of them end here, whether a person or a
-//! script works.
+//! Requests from the window's keys and the gamepad (channel `inputs`), from three buttons of the pedal
+//! (`pedal`) and from `vitreo ctl` (`control`) are collected here, whether a user or a script operates.
 
 use protocol::bindings::Action;
 use protocol::control::{Command, LAUNCHER, Request};
@@ -10,43 +9,43 @@ use protocol::handles::PedalState;
 use protocol::inputs::{Input, InputEvent};
 use protocol::optics::PedalButton;
 
-/// Requests to the launcher.
+/// Requests to the launcher, from any of its sources.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ControlRequest {
-    /// Stop time.
+    /// Pause the simulation.
     Pause,
-    /// Continue.
+    /// Continue after a pause.
     Resume,
-    /// Whichever of both changes something.
+    /// Pause if the simulation runs, continue if it is paused.
     PauseOrResume,
-    /// Help was opened or closed; time stops while it is open.
+    /// Open or close the help; the simulation is paused while the help is open.
     Help,
-    /// The attempt from its beginning.
+    /// Restart the attempt.
     Restart,
-    /// The module's next level.
+    /// Go to the module's next level.
     Next,
-    /// The end of the run.
+    /// End the run.
     Quit,
 }
 
-/// A request that waits to be served.
+/// A request that has not been served yet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PendingRequest {
     /// The request.
     pub request: ControlRequest,
-    /// Number of the message to answer, if it came on channel `control`.
+    /// Sequence number of the message to answer, if the request came on channel `control`.
     pub seq: Option<u64>,
 }
 
-/// The requests that have not been served yet.
+/// Queue of requests that have not been served yet.
 #[derive(Debug, Default)]
 pub struct AttemptControl {
     pending: std::collections::VecDeque<PendingRequest>,
-    /// Buttons of the pedal that are down.
+    /// Bits of the pedal's pressed buttons.
     buttons: u32,
 }
 
-/// Most requests that wait; more come from a key that is held.
+/// Capacity of the queue. Further requests, such as those of a held key, are dropped.
 const MAX_PENDING: usize = 8;
 
 impl AttemptControl {
@@ -56,7 +55,7 @@ impl AttemptControl {
         }
     }
 
-    /// Takes an input; keys of control ask.
+    /// Adds the request of a pressed key or button, if it has one.
     pub fn note_input(&mut self, event: &InputEvent) {
         let Some(Input::Press(key)) = event.input() else { return };
         match Action::of(key) {
@@ -69,7 +68,7 @@ impl AttemptControl {
         }
     }
 
-    /// Takes a state of the pedal; a button asks when it goes down.
+    /// Adds the requests of pedal buttons that have been pressed since the last state.
     pub fn note_pedal(&mut self, pedal: &PedalState) {
         let fresh = pedal.buttons & !self.buttons;
         self.buttons = pedal.buttons;
@@ -85,8 +84,8 @@ impl AttemptControl {
         }
     }
 
-    /// Takes a message of channel `control`. Returns the number of one that the launcher cannot
-    /// serve.
+    /// Adds the request of a message on channel `control`. Returns the sequence number of a message that the
+    /// launcher cannot serve.
     pub fn note_request(&mut self, message: &Request) -> Option<u64> {
         if message.target != LAUNCHER {
             return None;
@@ -103,7 +102,7 @@ impl AttemptControl {
         None
     }
 
-    /// The oldest request.
+    /// Removes and returns the oldest request.
     pub fn take(&mut self) -> Option<PendingRequest> {
         self.pending.pop_front()
     }

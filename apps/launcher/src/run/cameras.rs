@@ -1,5 +1,5 @@
-//! Real cameras in place of the virtual rig: the user's own program (`docs/camera-hardware.md`) or streams of
-//! pictures (`docs/cameras.md`); checks that they exist, and waits for them.
+//! Real cameras in place of the virtual rig, driven by the user's own program (`docs/camera-hardware.md`) or
+//! read as streams of pictures (`docs/cameras.md`). Checks that they exist, and waits for them.
 
 use super::options::{RealCamerasArgs, RunArgs};
 use super::recorded_rig;
@@ -15,18 +15,18 @@ use std::path::Path;
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
-/// Period of checks for missing sources.
+/// Period of the checks for missing sources.
 const LOOK: Duration = Duration::from_secs(1);
-/// Time after which the same reason is logged again.
+/// Period of the log messages while the same source is missing.
 const REMINDER: Duration = Duration::from_secs(600);
 
-/// What is wanted where nothing is configured.
+/// Message if no real cameras are configured.
 const NOT_CONFIGURED: &str = "no real cameras are configured: [run] of vitreo.toml needs \
     cameras = \"PROGRAM\", \"v4l2:/dev/video0,...\", \"genicam:NAME,...\" or \"y4m:PATH,...\" and rig = \"RIG.json\" (docs/install.md, \"A rig that starts at \
     boot\"); \
     start again when it has them";
 
-/// What is missing for a person to work with real cameras, in words; `None` where nothing is.
+/// What is missing for a run with real cameras, as text; `None` if nothing is.
 fn missing(cameras: Option<&Cameras>, rig: Option<&Path>) -> Option<String> {
     let (Some(cameras), Some(rig)) = (cameras, rig) else { return Some(NOT_CONFIGURED.into()) };
     let there = match cameras {
@@ -38,10 +38,12 @@ fn missing(cameras: Option<&Cameras>, rig: Option<&Path>) -> Option<String> {
     checked.err().map(|problem| with_causes(problem.as_ref()))
 }
 
-/// Refuses cameras that are absent or do not fit the rig.
+/// Checks that the sources of the cameras exist and fit the rig.
 ///
 /// # Errors
-/// Where it is so.
+/// If the rig, the program or a source is missing, the number of sources differs from that of the rig's
+/// cameras, a source is of the wrong kind, `--direct` is used with streams, or a recording does not fit the
+/// rig.
 pub fn check(real: &RealCamerasArgs, rig: Option<&Path>, direct: bool) -> anyhow::Result<()> {
     if real.given().is_some() && rig.is_none() {
         let problem = "--cameras: expected the rig of these cameras, --rig RIG.json (only a recording, mcap:FILE, brings its own)";
@@ -68,8 +70,8 @@ pub fn check(real: &RealCamerasArgs, rig: Option<&Path>, direct: bool) -> anyhow
     recorded_rig::check(streams, &rig)
 }
 
-/// Refuses sources that are not what they are named as. None is opened: who writes into a pipe may come
-/// later, and a device is opened by who reads it.
+/// Checks that each source with a path exists and is of the expected kind. Sources are not opened: the writer
+/// of a pipe may start later, and a device must be opened by the process that reads it.
 pub(super) fn check_sources(streams: &Streams) -> anyhow::Result<()> {
     for stream in streams.0.iter().filter(|stream| stream.kind.has_path()) {
         let path = &stream.path;
@@ -87,7 +89,7 @@ pub(super) fn check_sources(streams: &Streams) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Refuses a program that is absent or not an executable.
+/// Checks that a program exists and is executable.
 fn check_program(program: &Path) -> anyhow::Result<()> {
     check_file("--cameras", program)?;
     let mode = program.metadata()?.permissions().mode();
@@ -95,8 +97,8 @@ fn check_program(program: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Waits until real cameras are configured and there, and says what is missing. Returns false where
-/// `stop` is raised first.
+/// Waits until real cameras are configured and connected, and logs what is missing. Returns false if `stop`
+/// is raised first.
 pub async fn wait(args: &RunArgs, stop: &StopSignal) -> bool {
     let mut told: Option<(String, Instant)> = None;
     while let Some(reason) = missing(args.real.cameras.as_ref(), args.rig.rig.as_deref()) {
@@ -156,7 +158,7 @@ mod tests {
         assert!(check(&without, None, false).unwrap_err().to_string().contains("--rig RIG.json"));
         let [a, b] = ["a", "b"].map(|name| format!("y4m:{}", path(name)));
         assert_eq!(refused(&format!("{a},{a},{a}?parity=1"), false), None);
-        // The owner of a network name is known only after a query.
+        // Whether a network camera exists is known only after a query, so it is not checked.
         assert_eq!(refused(&format!("{a},{a},genicam:10.0.0.7"), false), None);
         let cases = [
             (

@@ -1,4 +1,4 @@
-//! A receiver on every channel, for the launcher.
+//! A receiver on every channel of an instance, for the launcher.
 
 use crate::runtime::Wakeups;
 use ipc::{BlockReceiver, BlockSample, Instance, IpcError, MAX_SOURCES, Queue, Receiver, Wakes, wait};
@@ -20,8 +20,8 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 use tokio::time::{Interval, MissedTickBehavior, interval};
 
-/// Period of draining the channels of data: waking for each of some hundred blocks a second costs
-/// more than taking several at once. Their queues reach for a second and more.
+/// Period of draining the data channels. Waking up for each of some hundred blocks per second would cost more
+/// than taking several at once; the queues are long enough for more than a second.
 const DRAIN_PERIOD: Duration = Duration::from_millis(10);
 
 /// A receiver on every channel of an instance.
@@ -39,13 +39,13 @@ pub struct ChannelTap {
     pictures: BlockReceiver<PictureHeader>,
     /// Heartbeats of the processes.
     pub health: Receiver<Health>,
-    /// Inputs of keyboard, mouse and gamepad.
+    /// Inputs from keyboard, mouse and gamepad.
     pub inputs: Receiver<InputEvent>,
-    /// Requests, of any sender to any process.
+    /// Requests from any sender to any process.
     pub requests: Receiver<Request>,
-    /// Answers of the processes.
+    /// Answers from the processes.
     pub answers: Receiver<Answer>,
-    /// Of inputs, requests and answers.
+    /// Wakes up on inputs, requests and answers.
     control: Wakeups,
     due: Interval,
 }
@@ -63,16 +63,16 @@ fn drain<M: Message + std::fmt::Debug>(
     Ok(())
 }
 
-/// A copy of the payload's bytes that are in use.
+/// Copies the used part of a payload.
 fn payload_of<H: Message>(sample: &BlockSample<H>, bytes: u64) -> Vec<u8> {
     sample.payload()[..(bytes as usize).min(sample.payload().len())].to_vec()
 }
 
 impl ChannelTap {
-    /// Opens every channel; to be done before the processes are started, so that nothing is missed.
+    /// Opens every channel. To be called before the processes are started, so that no message is missed.
     ///
     /// # Errors
-    /// Where a channel cannot be opened.
+    /// If a channel cannot be opened.
     pub fn open(instance: &Instance) -> anyhow::Result<Self> {
         let mut due = interval(DRAIN_PERIOD);
         due.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -119,8 +119,7 @@ impl ChannelTap {
         ]
     }
 
-    /// Waits until a person or a program asks for something, a process answers, or the channels of
-    /// data are due.
+    /// Waits until a request, an input or an answer arrives, or the data channels are due to be drained.
     pub async fn wait(&mut self) {
         tokio::select! {
             _ = self.due.tick() => {}
@@ -128,11 +127,11 @@ impl ChannelTap {
         }
     }
 
-    /// Passes everything that has come to `take`, with the instant by which it is filed. Inputs
-    /// come before what was made of them, so that a reader of the recording has them in time.
+    /// Gives every received item to `take`, together with its log time, ns. Inputs come before the results
+    /// computed from them, so that a reader of the recording gets them in that order.
     ///
     /// # Errors
-    /// Where a channel fails.
+    /// If a channel fails.
     pub fn drain(&mut self, now: Nanos, mut take: impl FnMut(Nanos, Item)) -> Result<(), IpcError> {
         self.sources().chunks(MAX_SOURCES).for_each(|sources| wait(sources, 0));
         // Results first, so that their inputs are already queued when their channels are drained.
@@ -159,8 +158,8 @@ impl ChannelTap {
         Ok(())
     }
 
-    /// Blocks that were overwritten before the launcher read them, by channel. Checkpoints and
-    /// pictures are newest-wins and are not counted.
+    /// Number of messages that were overwritten before the launcher read them or were invalid, by channel.
+    /// Checkpoints and pictures are newest-wins channels and not counted.
     pub fn lost(&self) -> BTreeMap<&'static str, u64> {
         let counts = [
             (BlobField::CHANNEL, self.blobs.counts()),

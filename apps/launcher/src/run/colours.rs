@@ -1,4 +1,4 @@
-//! Colour classes of a run: checks the file of `--colours` before anything starts.
+//! Colour classes of a run: validates the file of `--colours` before any process starts.
 
 use super::options::RunArgs;
 use crate::exit::WrongUse;
@@ -10,10 +10,10 @@ use settings::inputs::check_file;
 use std::path::Path;
 use std::process::Stdio;
 
-/// Refuses an invalid colour file, and one that no process would use.
+/// Checks the colour file, and that a process of the run uses it.
 ///
 /// # Errors
-/// Where it is so.
+/// If no process of the run extracts blobs from pictures, or the file is missing or invalid.
 pub fn check(args: &RunArgs) -> anyhow::Result<()> {
     let Some(file) = &args.extraction.colours else { return Ok(()) };
     if !args.trackers().contains(&Process::FpgaModel) {
@@ -24,7 +24,7 @@ pub fn check(args: &RunArgs) -> anyhow::Result<()> {
     judged(file).context("--colours")
 }
 
-/// Lets the program that uses the file read it: this one has no colour parser.
+/// Lets the camera's program parse the file, because this program has no parser for colours.
 fn judged(file: &Path) -> anyhow::Result<()> {
     let mut reading = command(CAMERA)?;
     reading.args(["colours", "show", "--json", "--"]).arg(file).stdin(Stdio::null()).stdout(Stdio::null());
@@ -35,7 +35,8 @@ fn judged(file: &Path) -> anyhow::Result<()> {
     bail!("{}", outputs::printable(&in_short(&String::from_utf8_lossy(&read.stderr))))
 }
 
-/// A program's error about a file, without the program's name and the quoted lines of the file.
+/// Shortens a program's error about a file to its first and last line, without the program's name and the
+/// quoted lines.
 fn in_short(told: &str) -> String {
     let told = told.trim();
     let told = told.strip_prefix(CAMERA).and_then(|rest| rest.strip_prefix(": ")).unwrap_or(told);

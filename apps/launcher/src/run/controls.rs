@@ -1,4 +1,4 @@
-//! A real pedal and real handles (`docs/controls.md`): checks, channels left to them, and figures.
+//! A real pedal and real handles (`docs/controls.md`): checks, channels that they replace, and figures.
 
 use super::options::RunArgs;
 use crate::exit::WrongUse;
@@ -12,7 +12,7 @@ use settings::inputs::check_file;
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
-/// Channels that the rig leaves to real devices and external drivers; `None` if there are none.
+/// Channels that real devices and external drivers write instead of the rig; `None` if there are none.
 pub fn left(args: &RunArgs) -> Option<ControlChannels> {
     let outside = args.real.external.as_ref().and_then(External::controls).unwrap_or_default();
     let handles = outside.handles || args.controls.handles.is_some();
@@ -20,10 +20,11 @@ pub fn left(args: &RunArgs) -> Option<ControlChannels> {
     (handles || pedal).then_some(ControlChannels { handles, pedal })
 }
 
-/// Refuses missing devices, and handles without a calibration in the rig.
+/// Checks that pedal and handles exist, that only one source writes each channel, and that the rig has a
+/// calibration of the handles.
 ///
 /// # Errors
-/// Where it is so.
+/// If a device or file is missing, a channel has two sources, or the rig has no section `handles`.
 pub fn check(args: &RunArgs) -> anyhow::Result<()> {
     if args.controls.any() && args.real.program().is_some() {
         let problem =
@@ -56,7 +57,8 @@ pub fn check(args: &RunArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Accepts only devices, pipes and files. It opens none, because the writer of a pipe may start later.
+/// Checks that the path is a device, pipe or file. It is not opened, because the writer of a pipe may start
+/// later.
 fn check_device(option: &str, path: &Path) -> anyhow::Result<()> {
     check_file(option, path)?;
     let kind = path.metadata()?.file_type();
@@ -65,7 +67,7 @@ fn check_device(option: &str, path: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// How the devices did; empty without any.
+/// Figures of the devices, as left by their process; empty without devices.
 pub fn figures(args: &RunArgs, directory: &Path) -> Vec<ControlFigures> {
     let left = args.controls.any().then(|| read_text(&directory.join(CONTROLS_FILE), MAX_SETTINGS_BYTES));
     let left = left.and_then(Result::ok).and_then(|text| serde_json::from_str(&text).ok());

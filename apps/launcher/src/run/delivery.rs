@@ -1,18 +1,20 @@
-//! Poses that never come from a source outside of the run: how this is reported, and when a run gives up. Pure.
+//! Sources outside of the run that deliver no poses: their report, and the time after which a run gives up.
+//! Pure.
 
 use super::options::RunArgs;
 use super::report::Report;
 use diagnosis::Finding;
 use protocol::time::Nanos;
 
-/// Time without any pose after which this is reported, ns.
+/// Time without any pose after which a source is reported, ns.
 pub const UNHEARD_NS: u64 = 3_000_000_000;
-/// A run with a duration waits at least this long for its source, ns: programs take time to start.
+/// Minimum time for which a run with a duration waits for its source, ns, because programs take time to
+/// start.
 const PATIENCE_NS: u64 = 30_000_000_000;
 
 impl RunArgs {
-    /// Source outside of the run from which its poses follow, as it was given; `None` if the run simulates
-    /// its cameras or takes its poses from a desk.
+    /// Source outside of the run from which the poses come, as given on the command line; `None` if the run
+    /// simulates its cameras or gets its poses from a desk.
     pub fn outside_source(&self) -> Option<String> {
         if self.desk.is_some() {
             return None;
@@ -24,14 +26,14 @@ impl RunArgs {
         poses.or(blobs).or(external.map(|external| format!("--external {external}"))).or(cameras)
     }
 
-    /// Longest wait for the first sign of the source, ns; `None` without an end.
+    /// Maximum wait for the source, ns; `None` for a run without a duration, which waits without limit.
     pub fn patience_ns(&self) -> Option<u64> {
         self.outside_source()?;
         self.duration.map(|s| ((s * 1e9) as u64).max(PATIENCE_NS))
     }
 }
 
-/// The problem of a source from which no pose has followed since the run began, `since_ns` ago.
+/// Finding for a source from which no pose has come in the `since_ns` since the run began, ns.
 pub fn unheard(args: &RunArgs, poses: u64, since_ns: Nanos) -> Option<Finding> {
     let source = args.outside_source().filter(|_| poses == 0 && since_ns >= UNHEARD_NS)?;
     let sends = if args.real.poses.is_some() { "is the tracker sending?" } else { "is it sending?" };
@@ -43,14 +45,14 @@ pub fn unheard(args: &RunArgs, poses: u64, since_ns: Nanos) -> Option<Finding> {
     })
 }
 
-/// Message about a source that is waited for since `since_ns`; `says` is its state in words.
+/// Message about a source that has been awaited for `since_ns`, ns; `says` is the status text of its process.
 pub fn awaited(source: &str, says: &str, since_ns: Nanos) -> String {
     let says = if says.is_empty() { "is it sending?" } else { says };
     format!("nothing from {source} for {:.0} s: {says}; the run begins when it comes", since_ns as f64 * 1e-9)
 }
 
-/// Why a run that is over has failed: it never had one pose. A simulator that waits for a person by design
-/// (`--unscripted`) has not.
+/// Error of a finished run that received no pose from its source. `None` for a run that waits for a user by
+/// design (`--unscripted`).
 pub fn never_came(args: &RunArgs, report: &Report) -> Option<String> {
     let count = |channel| report.received.get(channel).copied().unwrap_or(0);
     let source = args.outside_source().filter(|_| count("poses") == 0 && !args.real.unscripted)?;
@@ -90,7 +92,7 @@ mod tests {
         assert_eq!(named(|a| a.real.cameras = Some("y4m:a,y4m:b".parse().unwrap())), "--cameras y4m:a,y4m:b");
         assert_eq!(named(|a| a.real.cameras = Some("virtual".parse().unwrap())), "");
         assert_eq!(named(|a| a.real.external = Some("blobs".parse().unwrap())), "--external blobs");
-        // The cameras are simulated.
+        // Only the pedal is external; the cameras are simulated.
         assert_eq!(named(|a| a.real.external = Some("pedal".parse().unwrap())), "");
     }
 

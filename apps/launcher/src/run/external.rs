@@ -1,4 +1,4 @@
-//! External drivers in a run: what they replace, their presence, and messages where they are not. The
+//! External drivers in a run: what they replace, their presence, and warnings if they are missing. The
 //! launcher neither starts nor ends nor restarts them. Pure.
 
 use super::options::RunArgs;
@@ -8,15 +8,16 @@ use diagnosis::Finding;
 use protocol::health::{Health, Process, STATE_DEGRADED, STATE_FINISHED};
 use protocol::time::Nanos;
 
-/// A driver without a heartbeat for this long is gone, ns: ten heartbeats.
+/// A driver without a heartbeat for this long is considered disconnected, ns: ten heartbeats.
 const GONE_NS: u64 = 1_000_000_000;
-/// A driver that sends nothing for this long is silent, ns.
+/// A driver that sends no block for this long is considered silent, ns.
 const SILENT_NS: u64 = 1_000_000_000;
 
-/// Refuses what excludes itself.
+/// Checks `--external` against the other options.
 ///
 /// # Errors
-/// Where it is so.
+/// If `--external` conflicts with `--poses` or an option of the cameras, or replaces the cameras without
+/// `--rig`.
 pub fn check(args: &RunArgs) -> anyhow::Result<()> {
     let Some(external) = &args.real.external else { return Ok(()) };
     if let (Some(other), Some(source)) = (&args.real.poses, external.source().and_then(Process::drives)) {
@@ -47,15 +48,15 @@ pub fn check(args: &RunArgs) -> anyhow::Result<()> {
     }
 }
 
-/// Presence of a driver.
+/// Connection state of a driver.
 #[derive(Debug, Default)]
 pub struct Presence {
-    /// Its process id; 0 if absent.
+    /// Process id of the driver; 0 if disconnected.
     pid: u32,
     was_there: bool,
-    /// Blocks that it has sent.
+    /// Number of blocks that the driver has sent.
     sent: u64,
-    /// When it last sent one, or came.
+    /// Time of the newest block, or of the connection, ns.
     sent_ns: Nanos,
 }
 
@@ -70,7 +71,8 @@ impl Presence {
         came
     }
 
-    /// True once, if no heartbeat has arrived since `last_sign_ns`.
+    /// True once after each disconnection: when no heartbeat has arrived since `last_sign_ns` for
+    /// [`GONE_NS`].
     pub fn has_gone(&mut self, last_sign_ns: Nanos, now: Nanos) -> bool {
         let gone = self.pid != 0 && now.saturating_sub(last_sign_ns) > GONE_NS;
         if gone {
@@ -79,17 +81,17 @@ impl Presence {
         gone
     }
 
-    /// True if it has no process.
+    /// True if the driver is disconnected.
     pub fn is_away(&self) -> bool {
         self.pid == 0
     }
 
-    /// True if it is absent or sends nothing.
+    /// True if the driver is disconnected or sends nothing.
     pub fn is_silent(&self, now: Nanos) -> bool {
         self.pid == 0 || now.saturating_sub(self.sent_ns) > SILENT_NS
     }
 
-    /// Its problem in words.
+    /// The driver's problem, if it has one.
     pub fn trouble(&self, driver: Process, health: Option<&Health>, now: Nanos) -> Option<Finding> {
         let channel = driver.drives().unwrap_or_default();
         let finding = |what: String, cause: &str, remedy: &str| {
@@ -119,13 +121,13 @@ impl Presence {
 }
 
 impl Supervisor {
-    /// Problems of external drivers.
+    /// Problems of all external drivers.
     pub fn trouble_of_drivers(&self, now: Nanos) -> Vec<Finding> {
         let trouble = |s: &Slot| s.presence.as_ref()?.trouble(s.process, s.health.as_ref(), now);
         self.slots.iter().filter_map(trouble).collect()
     }
 
-    /// Problem reported by the bridge to another tracker.
+    /// Problem that the bridge to another tracker reports.
     pub fn trouble_of_other_tracker(&self) -> Option<Finding> {
         self.args.real.poses.as_ref()?;
         let bridge = self.slots.iter().find(|s| s.process == Process::PosesDriver)?;
@@ -134,25 +136,25 @@ impl Supervisor {
             what: health.text(),
             cause: "its server, the network, or the address in --poses; missing poses are lost".into(),
             remedy: "check it; the run continues and reconnects by itself".into(),
-            // A different problem is reported again.
+            // With another subject, a different problem is reported again.
             subject: format!("other tracker: {}", health.text()),
         })
     }
 
-    /// Whether a driver is not there, or sends nothing.
+    /// True if the driver is disconnected or sends nothing.
     pub fn lacks(&self, driver: Process, now: Nanos) -> bool {
         let presence = self.slots.iter().find(|s| s.process == driver).and_then(|s| s.presence.as_ref());
         presence.is_some_and(|presence| presence.is_silent(now))
     }
 
-    /// Name that a driver gives itself.
-    pub fn words_of(&self, driver: Process) -> String {
+    /// Status text of a driver's newest heartbeat.
+    pub fn status_text_of(&self, driver: Process) -> String {
         let slot = self.slots.iter().find(|s| s.process == driver);
         slot.and_then(|s| s.health).map(|h| h.text()).unwrap_or_default()
     }
 }
 
-/// Message while no external driver has connected.
+/// Message while an external driver has not connected.
 pub fn waiting_for(instance: &str, channels: &[&str]) -> String {
     let channels = channels.join(", ");
     format!(

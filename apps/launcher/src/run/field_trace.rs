@@ -1,4 +1,4 @@
-//! The trace of a run: options, expected processes, and the file.
+//! The trace of a run: options, expected processes, and the output file.
 
 use ipc::logging::{inform, warn};
 use ipc::trace::json::{FieldTrace, Missing};
@@ -27,20 +27,20 @@ impl TraceOutArgs {
         self.trace_seconds.unwrap_or(SECONDS)
     }
 
-    /// Spans for which each process makes room; `None` without a trace.
+    /// Number of spans for which each process reserves memory; `None` without a trace.
     pub(super) fn spans(&self) -> Option<u32> {
         self.trace_out.as_ref().map(|_| self.seconds() * SPANS_PER_SECOND)
     }
 }
 
-/// Which processes were there, and so should be in the trace.
+/// Processes that have run and should be in the trace.
 #[derive(Debug, Default)]
 pub(super) struct Traced {
     lives: Vec<Missing>,
 }
 
 impl Traced {
-    /// Takes a heartbeat.
+    /// Adds the process of a heartbeat.
     pub(super) fn note(&mut self, beat: &Health, at: Nanos) {
         match self.lives.iter_mut().find(|life| life.pid == beat.pid) {
             Some(life) => life.from_to[1] = at,
@@ -54,8 +54,9 @@ impl Traced {
         }
     }
 
-    /// Puts together what the processes have left in the directory of the instance, once all have ended. A
-    /// foreign program in the place of the virtual rig leaves nothing, and none is expected of it.
+    /// Collects the traces that the processes have left in the instance's directory, after all have ended.
+    /// With `foreign_rig`, a program of another maker replaces the virtual rig, and no trace is expected from
+    /// it.
     pub(super) fn collect(
         self,
         args: &TraceOutArgs,
@@ -75,10 +76,10 @@ impl Traced {
     }
 }
 
-/// Writes the file and logs its contents and gaps.
+/// Writes the trace and logs its contents and gaps.
 ///
 /// # Errors
-/// Where it cannot be written.
+/// If the file cannot be written.
 pub(super) fn write(trace: &FieldTrace, outputs: &mut Outputs, file: &Path) -> Result<(), OutputError> {
     trace.missing.iter().for_each(|missing| warn(&format!("the trace: {}", missing.text(trace.origin))));
     if trace.is_empty() {

@@ -8,12 +8,12 @@ use protocol::health::Process;
 use settings::commands::processes::{Arguments, PictureArgs, VirtualRigArgs};
 use std::path::PathBuf;
 
-/// The camera that `--inject-delay camera-wait=MS` makes late.
+/// Camera that `--inject-delay camera-wait=MS` delays.
 const LATE_CAMERA: u32 = 2;
 
 impl RunArgs {
-    /// The arguments of one process. `remaining_s` is what is left of the duration, `restarts` how
-    /// often the process was restarted before.
+    /// Arguments of a process. `remaining_s` is the rest of the run's duration, s; `restarts` is the number
+    /// of restarts of this process so far.
     pub fn arguments_of(
         &self,
         process: Process,
@@ -29,7 +29,7 @@ impl RunArgs {
             return args.0;
         }
         let real = process == Process::VirtualRig && self.real.given().is_some();
-        // Another's program for cameras knows no scenes.
+        // The user's own camera program knows no scenes.
         let others = real && self.real.program().is_some();
         if process != Process::Simcore {
             self.rig.hand_on(&mut args);
@@ -38,7 +38,7 @@ impl RunArgs {
             self.scene.hand_on(&mut args);
         }
         args.value("--inject-delay-ms", self.delayed_stage(process).and_then(|stage| self.delay_ms(stage)));
-        // Other programs for real cameras know nothing of traces.
+        // External programs for real cameras write no traces.
         args.value("--trace-spans", self.outputs.trace.spans().filter(|_| !real));
         match process {
             driver if driver.drives().is_some() => {}
@@ -60,14 +60,15 @@ impl RunArgs {
         args.0
     }
 
-    /// Stage whose injected delay a process applies.
+    /// The stage whose injected delay this process applies.
     fn delayed_stage(&self, process: Process) -> Option<Stage> {
         match process {
             Process::VirtualRig if self.real.given().is_some() => None,
-            // Without pixels there is no camera hardware: the rig sends the blobs.
+            // With pixels, the camera hardware sends the blobs and is delayed; without pixels, the rig sends
+            // the blobs.
             Process::VirtualRig if self.trackers().contains(&Process::FpgaModel) => None,
             Process::VirtualRig | Process::FpgaModel => Some(Stage::Camera),
-            // A desk has no cameras to wait for: what it does is tracking.
+            // A desk waits for no cameras; its work counts as tracking.
             Process::Tracker | Process::Desk => Some(Stage::Tracking),
             Process::Simcore => Some(Stage::Simulation),
             Process::Renderer => Some(Stage::Rendering),
@@ -75,7 +76,7 @@ impl RunArgs {
         }
     }
 
-    /// Milliseconds by which `stage` is slowed down.
+    /// Injected delay of a stage, ms.
     fn delay_ms(&self, stage: Stage) -> Option<f64> {
         self.trial.inject_delay.iter().rev().find(|(s, _)| *s == stage).map(|(_, ms)| *ms)
     }
@@ -83,7 +84,7 @@ impl RunArgs {
     fn to_virtual_rig(&self, args: &mut Arguments, remaining_s: Option<f64>, restarts: u32) {
         let fault_log = self.numbered_option(self.virtual_rig.fault_log.as_ref(), restarts);
         args.flag("--force", self.outputs.force.force && fault_log.is_some());
-        // Its own standard input is closed: it opens ours.
+        // The standard input of a child is closed, so the child opens that of the launcher.
         let ours = || format!("/proc/{}/fd/0", std::process::id()).into();
         let is_stdin = |blobs: &PathBuf| blobs.as_os_str() == STDIN;
         let blobs = self.virtual_rig.blobs.clone().map(|blobs| if is_stdin(&blobs) { ours() } else { blobs });
@@ -95,7 +96,7 @@ impl RunArgs {
         args.value("--late-camera", late);
     }
 
-    /// A restarted renderer puts its film and stills beside those before: a-2.y4m.
+    /// A restarted renderer writes new, numbered files: `a-2.y4m`.
     fn to_renderer(&self, args: &mut Arguments, view: View, restarts: u32) {
         args.flag(if view == View::Window { "--window" } else { "--headless" }, true);
         args.flag("--desk", self.desk.is_some());

@@ -1,8 +1,8 @@
-//! Latency histograms of every stage, compared with the budgets. Pure.
+//! Latency histograms of every stage, compared with the latency budgets. Pure.
 //!
-//! A latency is counted by the exposure instant of its field: what was exposed before the run was
-//! warm (one second after the start, or after a process was restarted) is counted as warm-up and
-//! takes no part in any percentile.
+//! A latency belongs to the run if its field was exposed while the run was warm. Fields exposed before that,
+//! until one second after the start or after a restart of a process, are counted as warm-up and excluded from
+//! all percentiles.
 
 use super::load::Judged;
 use hdrhistogram::Histogram;
@@ -13,19 +13,19 @@ use protocol::steps::{StepProfile, StepRecord};
 use protocol::time::Nanos;
 use serde::Serialize;
 
-/// How long after a start or restart latencies are not counted, ns.
+/// Time after a start or restart in which latencies are not counted, ns.
 pub const WARM_UP_NS: u64 = 1_000_000_000;
-/// Range of the histograms, ns; latencies beyond it are counted as its ends.
+/// Range of the histograms, ns; latencies outside are counted at the nearest end.
 const RANGE_NS: (u64, u64) = (100, 100_000_000_000);
 /// Significant decimal digits of the histograms.
 const DIGITS: u8 = 3;
 
-/// A histogram of durations with the field of the longest.
+/// A histogram of durations, with the field of the longest duration.
 #[derive(Debug)]
 pub struct Durations {
     histogram: Histogram<u64>,
     sum_ns: u64,
-    /// The longest, ns, and its field.
+    /// The longest duration, ns, and its field number.
     worst: Option<(u64, u64)>,
 }
 
@@ -33,14 +33,15 @@ impl Default for Durations {
     fn default() -> Self {
         let histogram = Histogram::new_with_bounds(RANGE_NS.0, RANGE_NS.1, DIGITS);
         let mut histogram = histogram.expect("the bounds are in order");
-        // Writes to all of its pages, so that a long run takes no more memory as rare durations come.
+        // Touches all pages of the histogram, so that rare durations do not raise the memory use of a long
+        // run.
         histogram.reset();
         Durations { histogram, sum_ns: 0, worst: None }
     }
 }
 
 impl Durations {
-    /// Counts one.
+    /// Adds a duration, ns, of a field.
     pub fn note(&mut self, ns: u64, field: u64) {
         self.histogram.saturating_record(ns);
         self.sum_ns = self.sum_ns.saturating_add(ns);
@@ -49,22 +50,22 @@ impl Durations {
         }
     }
 
-    /// How many.
+    /// Number of durations.
     pub fn count(&self) -> u64 {
         self.histogram.len()
     }
 
-    /// Duration at a percentile, 0 to 100, in ms; 0 where none was counted.
+    /// Duration at a percentile (0 to 100), ms; 0 if there are no durations.
     pub fn at_ms(&self, percentile: f64) -> f64 {
         if self.count() == 0 {
             return 0.0;
         }
-        // A bucket's upper edge may lie a thousandth above the longest that is in it.
+        // The upper edge of a bucket may be a thousandth above the longest duration in it.
         let edge_ns = self.histogram.value_at_percentile(percentile);
         edge_ns.min(self.worst.map_or(u64::MAX, |(ns, _)| ns)) as f64 * 1e-6
     }
 
-    /// These and others together.
+    /// The union of two histograms.
     pub fn with(&self, others: &Durations) -> Self {
         let mut all = Durations::default();
         for one in [self, others] {
@@ -75,36 +76,36 @@ impl Durations {
         all
     }
 
-    /// Number of samples up to this length, ns, to the histogram's three digits.
+    /// Number of durations up to `ns`, to the histogram's three digits.
     pub fn up_to(&self, ns: u64) -> u64 {
         self.histogram.count_between(0, ns)
     }
 
-    /// Arithmetic mean, ms; 0 where none was counted.
+    /// Arithmetic mean, ms; 0 if there are no durations.
     pub fn mean_ms(&self) -> f64 {
         self.sum_ns as f64 * 1e-6 / self.count().max(1) as f64
     }
 
-    /// How many are longer than `limit_ms` (to the histogram's three digits).
+    /// Number of durations longer than `limit_ms`, to the histogram's three digits.
     fn above(&self, limit_ms: f64) -> u64 {
         self.count() - self.histogram.count_between(0, (limit_ms * 1e6) as u64)
     }
 }
 
-/// Histograms of the paper's Table 4, one a line.
+/// Histograms for the paper's Table 4, one per line of the table.
 #[derive(Debug, Default)]
 pub struct PaperPhases {
     /// Collision detection of steps that ended with an instrument in contact with tissue.
     pub contact: Durations,
     /// Collision detection of all other steps.
     pub no_contact: Durations,
-    /// Membrane and retina.
+    /// Tissue simulation: membrane and retina.
     pub tissue: Durations,
-    /// All else that the simulation does.
+    /// The rest of the simulation step.
     pub misc: Durations,
     /// Upload of the tissue's geometry to the graphics device, by the host's clock.
     pub transfer: Durations,
-    /// From the begin of a frame until it is drawn, without the upload.
+    /// From the start of a frame until it is drawn, without the upload.
     pub drawing: Durations,
 }
 
@@ -128,28 +129,28 @@ impl PaperPhases {
     }
 }
 
-/// All histograms of a run.
+/// All latency histograms of a run.
 #[derive(Debug, Default)]
 pub struct LatencyStats {
     stages: [Durations; Stage::ALL.len()],
-    /// Phases of the simulation step, as [`StepProfile::PHASES`].
+    /// Phases of the simulation step, in the order of [`StepProfile::PHASES`].
     pub phases: [Durations; StepProfile::PHASES.len()],
-    /// The paper's Table 4.
+    /// Histograms for the paper's Table 4.
     pub paper: PaperPhases,
-    /// Latencies excluded because the run was still warming up.
+    /// Number of fields, steps and frames excluded as warm-up.
     pub warm_up: u64,
     warm_from_ns: Option<Nanos>,
-    /// Frames drawn at a tier too low to train with.
+    /// Number of frames drawn at a quality tier too low for training.
     below_floor: u64,
 }
 
 impl LatencyStats {
-    /// From now on nothing is counted, until [`LatencyStats::warm_from`].
+    /// Stops counting, until [`LatencyStats::warm_from`] is called.
     pub fn cool(&mut self) {
         self.warm_from_ns = None;
     }
 
-    /// Fields exposed at `instant_ns` or later are counted.
+    /// Counts fields exposed at `instant_ns` or later.
     pub fn warm_from(&mut self, instant_ns: Nanos) {
         self.warm_from_ns = Some(instant_ns);
     }
@@ -165,14 +166,14 @@ impl LatencyStats {
         warm
     }
 
-    /// Takes a tracker frame.
+    /// Adds the latencies of a tracker frame.
     pub fn note_pose(&mut self, frame: &TrackerFrame) {
         if self.is_warm(frame.instants.exposed) {
             self.note_all(&pose_latencies(frame), frame.field);
         }
     }
 
-    /// Takes a simulation step.
+    /// Adds the latencies of a simulation step.
     pub fn note_step(&mut self, step: &StepRecord) {
         if !self.is_warm(step.instants.exposed) {
             return;
@@ -184,9 +185,9 @@ impl LatencyStats {
         self.paper.note_step(step);
     }
 
-    /// Takes a displayed frame.
+    /// Adds the latencies of a displayed frame.
     pub fn note_frame(&mut self, frame: &FrameRecord) {
-        // A held picture is marked; its age is not a latency of the data path.
+        // A held picture is marked as held; its age is not a latency of the data path.
         let held = frame.flags & PICTURE_HELD != 0;
         if self.is_warm(frame.instants.exposed) && !held {
             self.note_all(&frame_latencies(frame), frame.field);
@@ -203,12 +204,12 @@ impl LatencyStats {
         }
     }
 
-    /// The figures of every stage beside its budget.
+    /// Figures of every stage, compared with its budget.
     pub fn judge(&self, budgets: &Budgets) -> Vec<StageFigures> {
         let mut all: Vec<_> = Stage::ALL.into_iter().map(|s| figures(s, self.stage(s), budgets)).collect();
         let drawn = &mut all[Stage::Rendering as usize];
         drawn.below_floor = self.below_floor;
-        // As with latencies: the share that the judged percentile leaves may be bad.
+        // As with latencies, a share of 1 − percentile of the frames may be bad.
         let allowed = (1.0 - 0.01 * budgets.percentile) * drawn.count as f64;
         if drawn.budget_ms > 0.0 && self.below_floor as f64 > allowed {
             (drawn.verdict, drawn.broken) = (Verdict::Broken, true);
@@ -221,18 +222,18 @@ impl LatencyStats {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// Inside.
+    /// All figures are within the budget.
     Kept,
-    /// Outside.
+    /// A figure exceeds the budget.
     Broken,
-    /// There is no budget.
+    /// The stage has no budget.
     NotAsserted,
     /// The stage did not run.
     NoSamples,
 }
 
 impl Verdict {
-    /// In words.
+    /// Verdict as text.
     pub fn text(self) -> &'static str {
         match self {
             Verdict::Kept => "kept",
@@ -243,7 +244,7 @@ impl Verdict {
     }
 }
 
-/// One line of the latency table. Durations in ms.
+/// A line of the latency table; durations in ms.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[allow(missing_docs)]
 pub struct StageFigures {
@@ -256,19 +257,19 @@ pub struct StageFigures {
     pub p99_ms: f64,
     pub p999_ms: f64,
     pub max_ms: f64,
-    /// Field number of the longest.
+    /// Field number of the longest duration.
     pub worst_field: Option<u64>,
-    /// The percentile that is judged.
+    /// Percentile that is compared with the budget.
     pub percentile: f64,
-    /// The figure at that percentile.
+    /// Duration at that percentile, ms.
     pub judged_ms: f64,
-    /// Limit of the judged figure; 0: not asserted.
+    /// Budget at that percentile, ms; 0 if there is none.
     pub budget_ms: f64,
-    /// Limit of the mean; 0: not asserted.
+    /// Budget of the mean, ms; 0 if there is none.
     pub mean_budget_ms: f64,
-    /// How many were longer than `budget_ms`.
+    /// Number of durations above `budget_ms`.
     pub violations: u64,
-    /// Rendering: frames drawn at a tier too low to train with.
+    /// For rendering: number of frames drawn at a quality tier too low for training.
     pub below_floor: u64,
     pub verdict: Verdict,
     pub broken: bool,
@@ -307,12 +308,12 @@ fn figures(stage: Stage, durations: &Durations, budgets: &Budgets) -> StageFigur
 }
 
 impl StageFigures {
-    /// True if there was something to judge, and a limit to judge it by.
+    /// True if the stage ran and has a budget.
     pub fn is_judged(&self) -> bool {
         matches!(self.verdict, Verdict::Kept | Verdict::Broken)
     }
 
-    /// What its budgets are asked of.
+    /// The figures that are compared with the budgets.
     pub fn judged(&self) -> Judged {
         Judged {
             times_ms: [[self.judged_ms, self.budget_ms], [self.mean_ms, self.mean_budget_ms]],
@@ -321,7 +322,7 @@ impl StageFigures {
         }
     }
 
-    /// Exceeded budgets, by how much, and the worst field.
+    /// The exceeded budgets with the excess, and the field of the longest duration, as text.
     pub fn blame(&self) -> String {
         let stage = self.stage.name();
         let mut broken = Vec::new();
@@ -365,7 +366,7 @@ mod tests {
         StepRecord { field, instants, ..StepRecord::zeroed() }
     }
 
-    /// A field's way through tracker and simulation.
+    /// Adds a field's latencies in tracker and simulation.
     fn note(latencies: &mut LatencyStats, field: u64, tracking_ms: u64, simulation_ms: u64) {
         let step = step(field, tracking_ms, simulation_ms);
         latencies.note_pose(&TrackerFrame { field, instants: step.instants, ..TrackerFrame::zeroed() });

@@ -1,5 +1,6 @@
-//! The likely cause of large residuals, at the end of a run. `vitreo-replay` judges the recording. Its work is bounded,
-//! not its time, so that a recording is always judged alike; after Ctrl-C, where somebody waits, its time is too.
+//! Prints the likely cause of large residuals at the end of a run. `vitreo-replay` searches for it in the
+//! recording. The amount of work is bounded, not the time, so that the result does not depend on the
+//! machine's speed. After Ctrl-C, when the user waits, the time is bounded as well.
 
 use super::report::Report;
 use crate::programs::REPLAY;
@@ -16,28 +17,29 @@ use std::time::Duration;
 use tokio::process::Command;
 use tokio::time::timeout;
 
-/// The last part of a recording, which is judged, s.
+/// The search uses the last part of a recording, of this length, s.
 const LAST_S: &str = "60";
-/// Longest search after an end of a run by a signal, and the time besides for starting and reading.
+/// Maximum time after a run that was ended by a signal: for the search, and in addition for starting the
+/// program and reading the file.
 const HURRIED: [Duration; 2] = [Duration::from_millis(1_500), Duration::from_millis(400)];
-/// Longest wait after a normal end: something is broken then.
+/// Timeout after a normal end, which is exceeded only if something is broken.
 const LONGEST: Duration = Duration::from_secs(120);
-/// Residuals of a body above which a run that was not recorded says how the cause is found, px RMS: a rig that
-/// holds leaves less.
+/// Residual of a body, px RMS, above which the end of an unrecorded run names `--record` as the way to the
+/// cause. The residuals of a well-calibrated rig are smaller.
 const NOISE_PX: f64 = 0.4;
-/// Share of the frames in which a body is tracked below which something may be wrong.
+/// Minimum share of frames in which each body is tracked on a well-working rig, 0 to 1.
 const TRACKED_SHARE: f64 = 0.9;
 
-/// What became of the search.
+/// Result of the search.
 enum Found {
-    /// Message and warning; none if the rig is consistent.
+    /// Text and warning; both `None` if the rig is consistent.
     Said(Option<String>, Option<Warning>),
-    /// There was no time for it.
-    LeftOff,
+    /// The search ran out of time or was interrupted.
+    TimedOut,
 }
 
 /// Prints the likely cause of a run's residuals, if there is one, and adds it to the warnings of the report.
-/// `has_cameras`: something was tracked.
+/// `has_cameras`: the poses come from the tracker.
 pub async fn print(report: &mut Report, has_cameras: bool, stop: &StopSignal) {
     if !has_cameras || report.tracking.frames == 0 {
         return;
@@ -50,25 +52,25 @@ pub async fn print(report: &mut Report, has_cameras: bool, stop: &StopSignal) {
             said.iter().for_each(|text| println!("{text}"));
             report.warnings = with_judged(std::mem::take(&mut report.warnings), warning);
         }
-        Ok(Found::LeftOff) if is_suspect(report) => {
+        Ok(Found::TimedOut) if is_suspect(report) => {
             println!(
                 "the search for the cause of the residuals was stopped; to continue: vitreo residuals {} --causes",
                 recording.file
             );
         }
-        Ok(Found::LeftOff) => {}
+        Ok(Found::TimedOut) => {}
         Err(problem) => warn(&format!("the cause of residuals: {problem:#}")),
     }
 }
 
-/// True where what the tracker leaves is more than a rig that holds does.
+/// True if residuals or tracked share are worse than those of a well-calibrated rig.
 fn is_suspect(report: &Report) -> bool {
     let large = |residual_px: f64| residual_px > NOISE_PX;
     report.least_tracked.1 < TRACKED_SHARE
         || report.tracking.bodies.values().any(|body| large(body.summary.residual_rms_px))
 }
 
-/// Without a recording, only the presence of a problem can be reported.
+/// Prints a hint for a run without a recording, in which the cause cannot be searched for.
 fn print_how_to_find(report: &Report) {
     let large = report.tracking.bodies.iter().filter(|(_, body)| body.summary.residual_rms_px > NOISE_PX);
     let Some((name, body)) =
@@ -82,7 +84,7 @@ fn print_how_to_find(report: &Report) {
     );
 }
 
-/// Asks the program of recordings, until it has answered, its time is over, or a further signal comes.
+/// Runs `vitreo-replay residuals` until it answers, its time is over, or a further signal arrives.
 async fn search(file: &Path, stop: &StopSignal) -> anyhow::Result<Found> {
     let hurried = stop.is_raised();
     let mut asked = Command::from(command(REPLAY)?);
@@ -95,21 +97,21 @@ async fn search(file: &Path, stop: &StopSignal) -> anyhow::Result<Found> {
     let answer = asked.output();
     let answered = tokio::select! {
         answered = timeout(if hurried { HURRIED.iter().sum() } else { LONGEST }, answer) => answered,
-        () = stop.raised(), if !hurried => return Ok(Found::LeftOff),
+        () = stop.raised(), if !hurried => return Ok(Found::TimedOut),
     };
-    let Ok(answered) = answered else { return Ok(Found::LeftOff) };
+    let Ok(answered) = answered else { return Ok(Found::TimedOut) };
     let answered = answered.with_context(|| REPLAY.to_owned())?;
     if !answered.status.success() {
         bail!("{REPLAY} residuals {}: {}", file.display(), answered.status);
     }
     let figures: Value = serde_json::from_slice(&answered.stdout).context("its answer")?;
     if figures["causes"]["verdict"] == "stopped" {
-        return Ok(Found::LeftOff);
+        return Ok(Found::TimedOut);
     }
     Ok(Found::Said(figures["likely_cause"].as_str().map(str::to_owned), warning_of(&figures["warning"])))
 }
 
-/// A warning as `vitreo-replay` writes it.
+/// Parses a warning as `vitreo-replay` writes it.
 fn warning_of(value: &Value) -> Option<Warning> {
     let text = |key: &str| value[key].as_str().map(str::to_owned);
     let finding = Finding {

@@ -1,16 +1,16 @@
-//! Load of other programs during a run, from /proc/stat, and how much of a budget overrun it explains.
+//! Load of other programs during a run, from `/proc/stat`, and how much of an exceeded budget it explains.
 
 use serde::{Deserialize, Serialize};
 use std::fs::read_to_string;
 
-/// Text for figures that the system does not provide.
+/// Text for a load that the system does not report.
 pub const NO_LOAD: &str = "the machine's other load is unknown";
 
-/// Time of all processors since the machine's start, in ticks, by what it went to.
+/// Time of all processors since the machine's start, in clock ticks, by use.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Ticks {
     busy: u64,
-    /// Taken by the host of a virtual machine.
+    /// Time taken by the host of a virtual machine.
     stolen: u64,
     all: u64,
     processors: u64,
@@ -31,38 +31,38 @@ impl Ticks {
     }
 }
 
-/// Load of the machine's processors by others during a run, in percent of all processors.
+/// Load on the machine's processors that the run did not cause, in percent of all processors.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Load {
-    /// Processors of the machine.
+    /// Number of processors of the machine.
     pub processors: u64,
-    /// Taken by other programs.
+    /// Share taken by other programs, percent.
     pub others_percent: f64,
-    /// Taken by the host of a virtual machine.
+    /// Share taken by the host of a virtual machine, percent.
     pub stolen_percent: f64,
 }
 
 impl Load {
-    /// Share of the processors' time that was not the run's to have, 0 to 0.99.
+    /// Share of processor time that was not available to the run, 0 to 0.99.
     fn share_taken(&self) -> f64 {
         (0.01 * (self.others_percent + self.stolen_percent)).clamp(0.0, 0.99)
     }
 
-    /// How long may take beside this load what may take `budget_ms` on an idle machine:
-    /// `budget / (1 − share taken)`, as if it had been slowed down evenly, ms.
+    /// Limit under this load, ms, for a duration with the budget `budget_ms` on an idle machine, as if the load
+    /// slowed everything down evenly: `budget / (1 − share taken)`.
     pub fn allowed_ms(&self, budget_ms: f64) -> f64 {
         budget_ms / (1.0 - self.share_taken())
     }
 
-    /// True if the load explains all of the excess: times within [`Self::allowed_ms`], and no larger
-    /// share of frames below the least tier than was taken of the processors.
+    /// True if the load explains all of the excess: durations are within [`Self::allowed_ms`], and the share
+    /// of frames below the lowest permitted tier is no larger than the share of processor time taken.
     pub fn explains(&self, judged: &Judged) -> bool {
         let within = |[took, budget]: [f64; 2]| budget <= 0.0 || took <= self.allowed_ms(budget);
         judged.times_ms.into_iter().all(within)
             && judged.below_floor as f64 <= self.share_taken() * judged.count as f64
     }
 
-    /// In words.
+    /// The load as text.
     pub fn text(&self) -> String {
         let Load { processors, others_percent, stolen_percent } = self;
         let others = format!("other programs took {others_percent:.0} % of the {processors} processors");
@@ -73,29 +73,29 @@ impl Load {
     }
 }
 
-/// Limits for a stage of a run.
+/// Figures of a stage that are compared with its budgets.
 #[derive(Debug, Clone, Copy)]
 pub struct Judged {
-    /// Its times beside their budgets (0: none), ms: at the judged percentile, and the mean.
+    /// Pairs of duration and budget (0 if there is none), ms: at the judged percentile, and of the mean.
     pub times_ms: [[f64; 2]; 2],
-    /// Frames drawn at a tier too low to train with.
+    /// Number of frames drawn at a quality tier too low for training.
     pub below_floor: u64,
-    /// Of how many.
+    /// Number of all frames or durations of the stage.
     pub count: u64,
 }
 
-/// Measures the load from a first instant to the last.
+/// Measures the load between two times.
 #[derive(Debug, Default)]
 pub struct LoadAccount(Option<Ticks>);
 
 impl LoadAccount {
-    /// From now on.
+    /// Starts the measurement.
     pub fn start(&mut self) {
         self.0 = Ticks::parse(&read_to_string("/proc/stat").unwrap_or_default());
     }
 
-    /// Until now, where the run's own processes took `own_cores` processors on the average. `None`
-    /// where the system does not provide it, or no tick has passed.
+    /// Load since the start of the measurement. `own_cores` is the average number of processors that the
+    /// run's own processes used. `None` if the system does not report it, or no tick has passed.
     pub fn load(&self, own_cores: f64) -> Option<Load> {
         let now = Ticks::parse(&read_to_string("/proc/stat").unwrap_or_default())?;
         load(&self.0?, &now, own_cores)
@@ -124,7 +124,7 @@ mod tests {
     fn what_is_neither_idle_nor_the_runs_own_is_others() {
         let (before, after) = (Ticks::parse(BEFORE).unwrap(), Ticks::parse(AFTER).unwrap());
         assert_eq!(before, Ticks { busy: 160, stolen: 40, all: 1250, processors: 2 });
-        // 160 of 400 ticks busy, of which half a processor of two is the run's own.
+        // 160 of 400 ticks were busy; half of one of the two processors was the run's own.
         let found = load(&before, &after, 0.5).unwrap();
         assert_eq!(found, Load { processors: 2, others_percent: 15.0, stolen_percent: 5.0 });
         assert!(found.text().contains("15 % of the 2") && found.text().ends_with("5 %"));
@@ -143,7 +143,8 @@ mod tests {
         assert!(
             !load(1.0, 0.0).explains(&judged(15.5, 10.0)) && load(4.0, 0.0).explains(&judged(15.5, 10.0))
         );
-        // Where there is no budget nothing is over it; frames below the floor are no matter of time.
+        // Without a budget nothing is exceeded; the share of frames below the floor does not depend on
+        // durations.
         let floor = |below_floor| Judged { times_ms: [[90.0, 0.0], [90.0, 0.0]], below_floor, count: 900 };
         assert!(quarter.explains(&floor(225)) && !quarter.explains(&floor(226)));
         for beyond in [load(900.0, 0.0), load(-5.0, 0.0)] {

@@ -1,4 +1,4 @@
-//! Traffic, events and bodies, condensed for the screen and the report. Pure.
+//! Condenses traffic, events and the state of the bodies for the screen and the report. Pure.
 
 use super::report::{Picture, Removed, TierChoice};
 use protocol::events::{Event, Severity};
@@ -8,49 +8,49 @@ use protocol::time::Nanos;
 use recording::Item;
 use std::collections::{BTreeMap, VecDeque};
 
-/// The channels that are counted, in the order of the data path.
+/// Counted channels, in the order of the data path.
 pub const CHANNELS: [&str; 7] = ["blobs", "handles", "pedal", "poses", "steps", "frames", "events"];
-/// Choices of a tier kept for the report.
+/// Maximum number of tier choices kept for the report.
 const TIER_CHOICES: usize = 100;
-/// Warnings kept for the screen.
+/// Maximum number of warnings kept for the screen.
 const WARNINGS: usize = 3;
 
-/// Index into [`CHANNELS`], and the instant from which the age of an item counts, ns.
+/// Index into [`CHANNELS`], and the timestamp from which the age of an item counts, ns.
 fn place(item: &Item) -> Option<(usize, Nanos)> {
     let channel = CHANNELS.iter().position(|channel| *channel == item.topic())?;
     let instant = if let Item::Event(event) = item { Some(event.exposed_ns) } else { item.instant_ns() };
     Some((channel, instant?))
 }
 
-/// Counts and newest instants of one channel.
+/// Count, age and rate of one channel.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Traffic {
-    /// Items up to now.
+    /// Number of items so far.
     pub count: u64,
-    /// Instant of the newest, ns; 0 before the first.
+    /// Timestamp of the newest item, ns; 0 before the first.
     pub newest_ns: Nanos,
-    /// Items a second, over the last interval between two calls of [`Monitor::measure`].
+    /// Items per second, between the last two calls of [`Monitor::measure`].
     pub rate_hz: f64,
     counted_before: u64,
 }
 
-/// Traffic figures up to now.
+/// Traffic figures so far.
 #[derive(Debug, Default)]
 pub struct Monitor {
-    /// By [`CHANNELS`].
+    /// Traffic of each channel, in the order of [`CHANNELS`].
     pub traffic: [Traffic; CHANNELS.len()],
-    /// How each body was tracked last, in words.
+    /// Tracking status of each body in the newest frame, as text.
     pub bodies: [&'static str; BODY_NAMES.len()],
-    /// Events by kind.
+    /// Number of events by kind.
     pub events: BTreeMap<&'static str, u64>,
     /// The newest warnings, oldest first.
     pub warnings: VecDeque<Event>,
-    /// The newest frame shown.
+    /// The newest displayed frame.
     pub frame: Option<FrameRecord>,
-    /// What vitrectors have taken by the newest step; `None` before the first.
+    /// Tissue removed by vitrectors up to the newest step; `None` before the first.
     pub removed: Option<Removed>,
     frames_by_tier: BTreeMap<u32, u64>,
-    /// Frames with a presentation time from the display server.
+    /// Number of frames with a presentation time from the display server.
     reported: u64,
     tiers: Vec<TierChoice>,
     first_frame_ns: Nanos,
@@ -58,7 +58,7 @@ pub struct Monitor {
 }
 
 impl Monitor {
-    /// Takes an item.
+    /// Adds an item.
     pub fn note(&mut self, item: &Item) {
         if let Some((channel, instant)) = place(item) {
             let traffic = &mut self.traffic[channel];
@@ -72,6 +72,12 @@ impl Monitor {
             Item::Step(step) => self.removed = Some(Removed::of(step)),
             _ => {}
         }
+    }
+
+    /// Traffic of one of the [`CHANNELS`], by name; empty for another channel.
+    pub fn traffic_of(&self, channel: &str) -> Traffic {
+        let index = CHANNELS.iter().position(|name| *name == channel);
+        index.map_or_else(Traffic::default, |index| self.traffic[index])
     }
 
     fn note_pose(&mut self, pose: &TrackerFrame) {
@@ -106,7 +112,7 @@ impl Monitor {
         self.frame = Some(*frame);
     }
 
-    /// Brings the rates up to date.
+    /// Computes the rates since the last call.
     pub fn measure(&mut self, now: Nanos) {
         let seconds = now.saturating_sub(self.measured_ns) as f64 * 1e-9;
         for traffic in &mut self.traffic {
@@ -116,7 +122,7 @@ impl Monitor {
         self.measured_ns = now;
     }
 
-    /// Figures of the picture, with the renderer's own words; `None` if no frame was shown.
+    /// Figures of the picture, with the renderer's status text; `None` if no frame was displayed.
     pub fn picture(&self, renderer: String) -> Option<Picture> {
         let frame = self.frame?;
         let frames: u64 = self.frames_by_tier.values().sum();
@@ -137,7 +143,8 @@ impl Monitor {
     }
 }
 
-/// What `displayed` is, where the last frame has these flags.
+/// Meaning of the timestamp `displayed`, given the flags of the last frame and the number of frames with a
+/// presentation time.
 fn displayed_by(flags: u32, reported: u64) -> &'static str {
     if reported > 0 {
         "the presentation time from the display server, or an estimate without one"

@@ -162,7 +162,7 @@ impl RealCamerasArgs {
         self.cameras.as_ref().filter(|cameras| **cameras != Cameras::Virtual)
     }
 
-    /// External program that drives them, if any.
+    /// The user's own program that drives the cameras, if any.
     pub fn program(&self) -> Option<&Path> {
         match &self.cameras {
             Some(Cameras::Program(program)) => Some(program),
@@ -170,7 +170,7 @@ impl RealCamerasArgs {
         }
     }
 
-    /// The driver that replaces them.
+    /// Driver that replaces the cameras, if any.
     pub fn driver(&self) -> Option<Process> {
         let external = || self.external.as_ref().and_then(External::source);
         self.poses.as_ref().map(|_| Process::PosesDriver).or_else(external)
@@ -181,7 +181,7 @@ impl RealCamerasArgs {
         self.external.as_ref().map_or(&[], External::drivers)
     }
 
-    /// Picture streams that replace them.
+    /// Streams of pictures that replace the virtual cameras, if any.
     pub fn streams(&self) -> Option<&Streams> {
         match &self.cameras {
             Some(Cameras::Streams(streams)) => Some(streams),
@@ -263,10 +263,10 @@ pub struct TrialArgs {
     pub max_restarts: usize,
 }
 
-/// Time that a scripted attempt's end screen is shown, s.
+/// Time for which the end screen of a scripted attempt is shown, s.
 const AFTER_S: f64 = 3.0;
 
-/// Destination of the picture.
+/// How the picture is shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum View {
     /// In a window.
@@ -278,7 +278,7 @@ pub enum View {
 }
 
 impl RunArgs {
-    /// Fills in the module's scene, and the length of its attempt unless a duration is given.
+    /// Fills in the scene of the module and, unless a duration is given, the length of the scripted attempt.
     pub fn with_scene_of(&self, composed: Option<&Composed>) -> Self {
         let Some(composed) = composed else { return self.clone() };
         let scripted = self.is_scripted() && !self.training.stay;
@@ -289,24 +289,25 @@ impl RunArgs {
         RunArgs { scene, duration, after_round, ..self.clone() }
     }
 
-    /// Maximum length of a scripted attempt with its end screen, s; it ends with the script's round.
+    /// Maximum length of a scripted attempt with its end screen, s. The attempt ends earlier if the script
+    /// does.
     pub fn attempt_s(&self, composed: &Composed) -> f64 {
         composed.longest_s + AFTER_S
     }
 
-    /// Whether a script moves the instruments, not a person and not a recorded stream.
+    /// True if a script moves the instruments, not a user and not a recorded stream.
     pub fn is_scripted(&self) -> bool {
         let cameras = self.real.given().is_none() && self.real.driver().is_none();
         self.virtual_rig.blobs.is_none() && self.desk.is_none() && cameras
     }
 
-    /// Source of the blobs, if it is not the cameras.
+    /// Source of the blobs, if they do not come from cameras.
     fn blob_source(&self) -> Option<BlobSource> {
-        // The parser has refused everything else.
+        // The option's parser has already rejected invalid sources.
         self.virtual_rig.blobs.as_deref().and_then(|given| BlobSource::of(given).ok())
     }
 
-    /// Whether blobs come from a stream that is still being written.
+    /// True if blobs come from a stream that is still being written.
     pub fn takes_live_blobs(&self) -> bool {
         self.blob_source().is_some_and(|source| source.is_live())
     }
@@ -318,12 +319,12 @@ impl RunArgs {
         if self.desk.is_some() { Process::Desk } else { driver }
     }
 
-    /// Whether poses come from our tracker.
+    /// True if the poses come from the built-in tracker.
     pub fn is_tracked(&self) -> bool {
         !matches!(self.source(), Process::Desk | Process::PosesDriver)
     }
 
-    /// Whether the source is a program that the launcher does not start.
+    /// True if the source is a program that the launcher does not start.
     pub fn has_outside_source(&self) -> bool {
         self.real.drivers().contains(&self.source())
     }
@@ -338,17 +339,18 @@ impl RunArgs {
         }
     }
 
-    /// Chooses a file for a trainee's recording unless one is given. Checks the name and the store before the
-    /// run, so that no attempt is lost.
+    /// Chooses a recording file for a trainee, unless one is given. Checks the trainee's name and the results
+    /// store before the run, so that no attempt is lost.
     ///
     /// # Errors
-    /// Where the name is refused or the store cannot be used.
+    /// If the name is invalid or the store cannot be used.
     pub fn with_recording_of_trainee(self) -> anyhow::Result<Self> {
         let Some(trainee) = &self.training.trainee else { return Ok(self) };
         check_name(trainee)?;
         let path = keeping::place(self.training.store.store.as_deref())?;
         open_store(&self.training.store)?;
-        // The name stays out of the file name: deleting a trainee deletes the name.
+        // The trainee's name is not in the file name, so that deleting a trainee deletes every copy of the
+        // name.
         let module =
             self.training.module.as_deref().and_then(|m| Path::new(m).file_name()).unwrap_or_default();
         let began = seconds_since_1970(SystemTime::now());
@@ -359,7 +361,7 @@ impl RunArgs {
         Ok(RunArgs { outputs: OutputArgs { record, ..self.outputs }, ..self })
     }
 
-    /// Destination of the picture, given whether there is a display.
+    /// How the picture is shown, given whether there is a display.
     pub fn view(&self, has_display: bool) -> View {
         let view = &self.view;
         match (view.no_picture, view.headless, view.window || view.picture.full_screen || has_display) {
@@ -369,10 +371,10 @@ impl RunArgs {
         }
     }
 
-    /// Checks that a person at the desk has a picture.
+    /// Checks that a user at a desk has a display.
     ///
     /// # Errors
-    /// Where mouse and keyboard are the inputs and there is no display.
+    /// If mouse and keyboard are the inputs and there is no display.
     pub fn check_display(&self, has_display: bool) -> anyhow::Result<()> {
         let needed = self.desk.as_ref().is_some_and(|desk| desk.inputs.is_none());
         ensure!(
@@ -386,7 +388,7 @@ impl RunArgs {
     /// percentile.
     ///
     /// # Errors
-    /// Where the rig or the file of budgets is refused.
+    /// If the rig or the file of budgets is invalid.
     pub fn budget_table(&self) -> anyhow::Result<Budgets> {
         let rig = Rig::load_or_shipped(self.rig.rig.as_deref()).context("--rig")?;
         let own = Budgets::of_rig(rig.field_period_ns(), rig.read_out_ns());
@@ -403,11 +405,11 @@ impl RunArgs {
         Ok(budgets)
     }
 
-    /// Numbered name of an output after a restart: `a-2.y4m`.
+    /// Numbered name of an output after a restart, such as `a-2.y4m`.
     pub(super) fn numbered(&self, file: &Path, number: u32) -> PathBuf {
         let force = self.outputs.force.force;
         let name = |number| numbered(file, number, force);
-        // A recording in parts has no file of its own name.
+        // A recording in parts has no file of its own name, so its parts are checked.
         let is_free = |path: &PathBuf| force || number == 0 || parts_of(path).is_empty();
         (number..=u32::MAX).map(name).find(is_free).unwrap_or_else(|| name(number))
     }
@@ -427,7 +429,7 @@ impl RunArgs {
         let handles = self.controls.handles.as_ref().map(|handles| handles.path.clone());
         let map = self.real.poses.as_ref().and_then(|other| other.map.clone());
         let devices = [pedal, mapping, handles, map].into_iter().flatten();
-        // Names of shipped scenes, modules and fault sets simply do not exist as files.
+        // Names of shipped scenes, modules and fault sets are no existing files, and are ignored.
         let names = [&self.scene.scene, &self.training.module, &cameras.faults]
             .into_iter()
             .flatten()
@@ -435,14 +437,14 @@ impl RunArgs {
         files.flatten().cloned().chain(desk).chain(names).chain(streams).chain(devices)
     }
 
-    /// Checks every file before anything starts: inputs must exist, outputs must not.
+    /// Checks all files before anything starts: inputs must exist, outputs must not (without `--force`).
     ///
     /// # Errors
-    /// Where a file cannot be read or an output is refused.
+    /// If an input cannot be read, an output is refused, or options conflict.
     pub fn prepare(&self) -> anyhow::Result<Outputs> {
         let inputs = self.desk.as_ref().and_then(|d| d.inputs.clone());
         let (cameras, picture) = (&self.virtual_rig, &self.view.picture);
-        // A port is no file.
+        // A port is not a file.
         let blobs = cameras.blobs.clone().filter(|_| !matches!(self.blob_source(), Some(BlobSource::Tcp(_))));
         let faults = cameras.faults.as_ref().filter(|f| f.ends_with(".toml")).map(PathBuf::from);
         for (option, file) in [
@@ -473,10 +475,10 @@ impl RunArgs {
     }
 }
 
-/// Opens or creates the results store and logs what changed.
+/// Opens or creates the results store, and logs the changes made to it.
 ///
 /// # Errors
-/// Where it cannot be used.
+/// If the store cannot be used.
 pub(super) fn open_store(place: &StoreArgs) -> anyhow::Result<Store> {
     let (store, notices) = keeping::open(place.store.as_deref(), true)?;
     notices.iter().for_each(|notice| inform(notice));

@@ -1,25 +1,24 @@
-//! Limits of restarts, and accounting of CPU time over restarts. Pure.
+//! Limits of restarts, and CPU time accumulated over restarts. Pure.
 
 use protocol::time::Nanos;
 use std::collections::VecDeque;
 
-/// Restarts of one process that are allowed within [`WINDOW_NS`]; one more ends the run.
+/// Maximum number of restarts of one process within [`WINDOW_NS`]; one more ends the run.
 pub const MAX_RESTARTS: usize = 12;
-/// The time in which they are counted, ns. A process that dies whenever it is started reaches the
-/// limit after some 25 s, in which a shortage may pass.
+/// Time window in which restarts are counted, ns. A process that dies whenever it is started reaches the
+/// limit after about 25 s, in which a temporary shortage may pass.
 pub const WINDOW_NS: u64 = 120_000_000_000;
-/// A restarted process that was at work for less than this, or never, waits before it is started
-/// again, ns.
+/// A restarted process that worked for less than this, or never, is restarted with a delay, ns.
 const SOON_NS: u64 = 300_000_000;
-/// The first wait, which doubles from death to death, and the longest, ns.
+/// First delay, which doubles from death to death, and maximum delay, ns.
 const FIRST_WAIT_NS: u64 = 20_000_000;
 const LONGEST_WAIT_NS: u64 = 6_400_000_000;
 
-/// Bounds the rate of restarts of one process.
+/// Limits the rate of restarts of one process.
 #[derive(Debug)]
 pub struct RestartLimit {
     most: usize,
-    /// Instants of the restarts of late.
+    /// Times of the restarts within the window, ns.
     recent: VecDeque<Nanos>,
     wait_ns: u64,
 }
@@ -31,18 +30,18 @@ impl Default for RestartLimit {
 }
 
 impl RestartLimit {
-    /// Allows `most` restarts in the window.
+    /// Allows `most` restarts within the window.
     pub fn of(most: usize) -> Self {
         RestartLimit { most, recent: VecDeque::new(), wait_ns: 0 }
     }
 
-    /// How many it allows.
+    /// Number of restarts allowed within the window.
     pub fn most(&self) -> usize {
         self.most
     }
 
-    /// The instant of the restart of a process that died at `now` after it had been at work for
-    /// `worked_ns`; `None` if there were too many of late.
+    /// Time at which to restart a process that died at `now` after it had worked for `worked_ns`; `None` if
+    /// the limit is reached.
     pub fn restart_at(&mut self, now: Nanos, worked_ns: u64) -> Option<Nanos> {
         while self.recent.front().is_some_and(|&t| now.saturating_sub(t) > WINDOW_NS) {
             self.recent.pop_front();
@@ -58,8 +57,8 @@ impl RestartLimit {
     }
 }
 
-/// CPU time of a process and its successors, from their heartbeats. What a process used before
-/// its first heartbeat here is left out: that is loading, not running.
+/// CPU time of a process and its successors, from their heartbeats. The time before a process's first
+/// heartbeat, which is spent on loading, is excluded.
 #[derive(Debug, Default)]
 pub struct CpuAccount {
     last: Option<(u32, u64, Nanos)>,
@@ -68,7 +67,7 @@ pub struct CpuAccount {
 }
 
 impl CpuAccount {
-    /// Takes a heartbeat: process id, its CPU time so far, and the heartbeat's instant, ns.
+    /// Adds a heartbeat: process id, CPU time of the process so far, and timestamp of the heartbeat, ns.
     pub fn note(&mut self, pid: u32, cpu_ns: u64, at: Nanos) {
         if let Some((last_pid, last_cpu, last_at)) = self.last
             && last_pid == pid
@@ -79,7 +78,7 @@ impl CpuAccount {
         self.last = Some((pid, cpu_ns, at));
     }
 
-    /// Share of one core, 0 to the number of cores; 0 before the second heartbeat.
+    /// Average share of one core, 0 to the number of cores; 0 before the second heartbeat.
     pub fn share(&self) -> f64 {
         self.used_ns as f64 / self.wall_ns.max(1) as f64
     }
@@ -110,7 +109,7 @@ mod tests {
         assert_eq!(waits[..11], [0, 20, 40, 80, 160, 320, 640, 1280, 2560, 5120, 6400]);
         assert_eq!(waits.len(), MAX_RESTARTS);
         let mut limit = RestartLimit::default();
-        // One that was at work is back at once, however soon it dies after its restart.
+        // A process that has worked is restarted without delay, however soon after its last restart it dies.
         let deaths = [(0, 0), (1, 50), (2, 700), (3, 0)].map(|(s, worked_ms)| {
             let at = s * 1_000_000_000;
             limit.restart_at(at, worked_ms * 1_000_000).unwrap() - at

@@ -1,4 +1,4 @@
-//! The rig of a recording of pixels, where its fields are the cameras of a run (`--cameras mcap:FILE`).
+//! The rig of a recording of pixels that replaces the cameras of a run (`--cameras mcap:FILE`).
 
 use super::cameras::check_sources;
 use super::options::RunArgs;
@@ -10,10 +10,10 @@ use rig::Rig;
 use settings::commands::cameras::{StreamKind, Streams};
 use std::path::Path;
 
-/// Difference of two rates that is none.
+/// Relative difference up to which two field rates count as equal.
 const SAME_RATE: f64 = 0.01;
 
-/// What a recording says of its cameras.
+/// Cameras of a recording.
 struct Recorded {
     rig: Rig,
     /// Ids of the recorded cameras.
@@ -21,10 +21,11 @@ struct Recorded {
 }
 
 impl RunArgs {
-    /// Fills in the rig of a recording if no other is given, as a file that lasts as long as the second value.
+    /// Fills in the rig of the recording if no other is given. The rig is a file that exists as long as the
+    /// second value.
     ///
     /// # Errors
-    /// A recording that cannot be read or has no valid rig.
+    /// If the recording cannot be read or has no valid rig.
     pub fn with_rig_of_recording(&self) -> anyhow::Result<(Self, Option<MemoryFile>)> {
         let mut args = self.clone();
         let Some(streams) = self.real.streams().filter(|_| self.rig.rig.is_none()) else {
@@ -38,10 +39,10 @@ impl RunArgs {
     }
 }
 
-/// Refuses recordings whose cameras are not those of the rig.
+/// Checks that the cameras of the recordings are those of the rig.
 ///
 /// # Errors
-/// Where they differ, or a recording cannot be read.
+/// If they differ, or a recording cannot be read.
 pub fn check(streams: &Streams, rig: &Rig) -> anyhow::Result<()> {
     for file in recordings(streams) {
         if let Some(difference) = difference(rig, &read(file)?) {
@@ -66,7 +67,7 @@ fn read(file: &Path) -> anyhow::Result<Recorded> {
     Ok(Recorded { rig, cameras: head.cameras })
 }
 
-/// The first difference between the cameras of a rig and those of a recording, in words.
+/// The first difference between the cameras of a rig and those of a recording, as text.
 fn difference(rig: &Rig, recorded: &Recorded) -> Option<String> {
     let ids: Vec<u32> = rig.cameras.iter().map(|camera| camera.id).collect();
     if let Some(id) = ids.iter().find(|id| !recorded.cameras.contains(id)) {
@@ -115,7 +116,7 @@ mod tests {
             difference(&shipped(), &Recorded { rig, cameras }).unwrap_or_default()
         };
         assert_eq!(told(|_, _| {}), "");
-        // Where cameras stand is for the rig that is given to say.
+        // The positions of the cameras are those of the given rig.
         assert_eq!(told(|rig, _| rig.cameras[1].t[0] += 5.0), "");
         assert!(told(|_, cameras| _ = cameras.pop()).contains("camera 2 of the rig is not among them"));
         assert!(

@@ -1,9 +1,9 @@
 //! The recorder: a separate thread behind a bounded queue, so that a slow, full or hung disk delays nothing
-//! else. What does not fit the queue is counted, and the gap is recorded as a note.
+//! else. Items that do not fit the queue are counted, and the gap is recorded as a note.
 //!
-//! While the disk is full, the thread takes no further items and tries again; what it holds is
-//! written as soon as there is space. It is a plain thread that is not joined: a write that never
-//! returns delays neither the report nor the end of the program.
+//! While the disk is full, the thread takes no items and retries; the items that it holds are written as soon
+//! as there is space. The thread is not joined, so a write that never returns delays neither the report nor
+//! the exit of the program.
 
 pub mod files;
 
@@ -21,33 +21,32 @@ use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 use tokio::time::timeout;
 
-/// Items that wait for the disk at most: about fifteen seconds of a run.
+/// Capacity of the queue, items: about 15 s of a run.
 const QUEUE: usize = 8192;
-/// Longest time between checks for a due chunk.
+/// Maximum time between two checks for a due chunk.
 const CHUNK_CHECK: Duration = Duration::from_millis(40);
-/// Time between two attempts while the disk refuses.
+/// Time between two attempts to write while the disk refuses.
 const RETRY: Duration = Duration::from_millis(100);
-/// A write that takes longer is reported.
+/// Writes slower than this are reported.
 const STALL: Duration = Duration::from_secs(1);
-/// What is queued gets this long to be written when a run ends; with what else ends, a run is over
-/// within 5 s of being asked to.
+/// Timeout for writing the queued items at the end of a run.
 const FINISH: Duration = Duration::from_secs(3);
 
-/// Anything that stores items. After an error it keeps the item, and `keep_up` tries again.
+/// A writer of items. After an error it keeps the item, and [`Store::keep_up`] retries.
 trait Store: Send + 'static {
     fn write(&mut self, at: Nanos, item: &Item) -> Result<(), RecordingError>;
     fn keep_up(&mut self, now: Nanos) -> Result<(), RecordingError>;
     fn finish(&mut self) -> Result<(), RecordingError>;
-    /// Items that were given and are not on the file.
+    /// Number of items that were given to the store and are not yet in the file.
     fn unwritten(&self) -> u64;
     fn bytes(&self) -> u64;
-    /// How long written bytes have been waiting for the disk.
+    /// How long written bytes have been waiting to reach the disk.
     fn sync_lag(&self) -> Duration;
-    /// Files that were begun.
+    /// Number of files begun.
     fn parts(&self) -> u32 {
         1
     }
-    /// Facts about the files to report once.
+    /// A warning about the files, which is returned once.
     fn take_warning(&mut self) -> Option<String> {
         None
     }
@@ -113,48 +112,48 @@ impl Store for PartsWriter {
     }
 }
 
-/// A recording that is being written.
+/// A recording in progress.
 pub struct Recorder {
     files: RecordingFiles,
-    /// `None` once the thread is gone.
+    /// `None` once the thread has ended.
     queue: Option<SyncSender<(Nanos, Item)>>,
     ended: oneshot::Receiver<()>,
     thread: thread::Thread,
     gap: Gap,
-    /// Items that were queued.
+    /// Number of queued items.
     queued: u64,
     progress: Arc<Progress>,
 }
 
-/// Counts missing items until a note about them is recorded.
+/// Counts missing items until a note about them has been recorded.
 #[derive(Debug, Default)]
 struct Gap {
     open: u64,
     total: u64,
 }
 
-/// Current operation of the thread, readable without waiting for it.
+/// State of the thread, which can be read without waiting for the thread.
 #[derive(Default)]
 struct Progress(Mutex<State>);
 
 #[derive(Default)]
 struct State {
-    /// Operation on the file and its start.
+    /// Current operation on the file, and its start.
     busy: Option<(&'static str, Instant)>,
-    /// Why nothing can be written now; since when.
+    /// Current write error, and its start.
     trouble: Option<(String, Instant)>,
     sync_lag: Duration,
-    /// Items on the file.
+    /// Number of items in the file.
     written: u64,
-    /// Notes of the thread's own, on the file or not.
+    /// Number of the thread's own notes, written or not.
     own_notes: u64,
     bytes: u64,
     parts: u32,
-    /// No further items come.
+    /// No further items will be queued.
     ending: bool,
-    /// A note about the last gap, to be written at the end.
+    /// Note about the last gap, to be written at the end.
     last_note: Option<(Nanos, Item)>,
-    /// Why the file could not be ended.
+    /// Why the file could not be closed.
     failure: Option<String>,
     finished: bool,
 }
@@ -166,7 +165,7 @@ impl Progress {
 }
 
 impl State {
-    /// Why nothing is written at the moment, if so.
+    /// Why nothing is written at the moment; `None` if all is well.
     fn stall(&self, file: &Path) -> Option<String> {
         let file = file.display();
         if let Some((what, since)) = self.busy.filter(|(_, since)| since.elapsed() >= STALL) {
@@ -181,10 +180,10 @@ impl State {
 }
 
 impl Recorder {
-    /// Starts writing.
+    /// Starts the thread that writes the recording.
     ///
     /// # Errors
-    /// Where the file cannot be written, or a thread cannot be made.
+    /// If the file cannot be written, or the thread cannot be started.
     pub fn start(files: RecordingFiles, provenance: &Provenance) -> anyhow::Result<Self> {
         if let Some(mut writer) = files.parts_writer(provenance)? {
             writer.sync_along()?;
@@ -195,10 +194,10 @@ impl Recorder {
         Self::with(files, writer, QUEUE)
     }
 
-    /// Gives the file its final name once the recorded run has begun.
+    /// Gives the file its final name, once the recorded run has begun.
     ///
     /// # Errors
-    /// Where the name was taken meanwhile.
+    /// If a file of that name was created in the meantime.
     pub fn appear(&mut self) -> anyhow::Result<()> {
         self.files.appear()
     }
@@ -218,7 +217,7 @@ impl Recorder {
         Ok(Recorder { files, queue: Some(queue), ended, thread, gap, queued: 0, progress })
     }
 
-    /// Offers an item; never waits.
+    /// Queues an item, without waiting. If the queue is full, the item is lost and counted.
     pub fn offer(&mut self, at: Nanos, item: Item) {
         let Some(queue) = &self.queue else {
             self.gap.total += 1;
@@ -241,19 +240,19 @@ impl Recorder {
         }
     }
 
-    /// Items lost for the file up to now.
+    /// Number of items lost so far.
     pub fn lost(&self) -> u64 {
         self.gap.total
     }
 
-    /// Why nothing is written at the moment, if so.
+    /// Why nothing is written at the moment; `None` if all is well.
     pub fn problem(&self) -> Option<String> {
         let stopped = self.queue.is_none().then(|| "the recorder stopped".to_owned());
         stopped.or_else(|| self.progress.lock().stall(self.files.name()))
     }
 
-    /// Lets what is queued be written and the file be ended, and returns what became of it, after
-    /// three seconds at the latest.
+    /// Lets the thread write the queued items and close the file, for at most [`FINISH`]. Returns the figures
+    /// of the recording.
     pub async fn finish(mut self) -> RecordingFigures {
         {
             let mut state = self.progress.lock();
@@ -288,25 +287,25 @@ impl Recorder {
 }
 
 impl Gap {
-    /// A note about the items that are missing.
+    /// A note about the missing items.
     fn note(&self, instant_ns: Nanos) -> Item {
         let text = format!("{} items did not fit the recorder's queue", self.open);
         Item::Note(Note::loss(instant_ns, self.open, text))
     }
 }
 
-/// The thread's side.
+/// State that belongs to the thread.
 struct Thread<S> {
     items: Receiver<(Nanos, Item)>,
     store: S,
     progress: Arc<Progress>,
-    /// Items given to the store.
+    /// Number of items given to the store.
     taken: u64,
 }
 
 impl<S: Store> Thread<S> {
-    /// Writes items until the queue is closed and the file ended, or the run is at its end and the
-    /// disk still refuses.
+    /// Writes items until the queue is closed and the file is closed, or the run has ended and the disk still
+    /// refuses.
     fn work(mut self) {
         loop {
             if self.progress.lock().trouble.is_some() {
@@ -317,7 +316,7 @@ impl<S: Store> Thread<S> {
                 }
                 continue;
             }
-            // An error is reported while it lasts; the write is retried.
+            // The error is reported in the state while it lasts, and the write is retried.
             let _ = match self.items.recv_timeout(CHUNK_CHECK) {
                 Ok((at, item)) => self.take(at, &item),
                 Err(RecvTimeoutError::Timeout) => self.attempt("writing", |store| store.keep_up(now())),
@@ -338,7 +337,7 @@ impl<S: Store> Thread<S> {
         done
     }
 
-    /// Runs an operation on the file and publishes its start and end.
+    /// Runs an operation on the file, and publishes its start and result.
     fn attempt(
         &mut self,
         what: &'static str,
@@ -367,13 +366,13 @@ impl<S: Store> Thread<S> {
         done
     }
 
-    /// Writes a note about the outage into the recording. If the disk refuses it again, the next attempt
+    /// Writes a note about an outage into the recording. If the disk refuses the note, the next attempt
     /// writes it.
     fn note_outage(&mut self, problem: &str, length: Duration) {
         self.note(format!("nothing could be written for {:.1} s: {problem}", length.as_secs_f64()));
     }
 
-    /// Writes a note of its own.
+    /// Writes a note of the thread's own.
     fn note(&mut self, text: String) {
         let note = Note { instant_ns: now(), kind: NoteKind::Log, process: None, count: 0, text };
         self.taken += 1;
@@ -395,7 +394,7 @@ impl<S: Store> Thread<S> {
         }
     }
 
-    /// The file ends with its last whole chunk.
+    /// Gives up: the file ends with its last complete chunk.
     fn give_up(self, problem: &RecordingError) {
         let text = format!("{problem}; the file could not be closed (vitreo recover makes it whole)");
         self.progress.lock().failure = Some(text);

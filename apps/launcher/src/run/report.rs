@@ -19,7 +19,7 @@ use std::fmt::Write;
 /// Version of the report's layout.
 pub const FORMAT: &str = "vitreo-report-1";
 
-/// Everything about a run.
+/// All figures of a run.
 #[derive(Debug, Serialize)]
 pub struct Report {
     /// [`FORMAT`].
@@ -32,64 +32,64 @@ pub struct Report {
     pub duration_s: f64,
     /// Setup of the run.
     pub setup: Setup,
-    /// Machine.
+    /// Description of the machine.
     pub machine: Machine,
     /// Versions of the program.
     pub versions: Versions,
-    /// Latency of every stage beside its budget.
+    /// Latency of every stage, compared with its budget.
     pub stages: Vec<StageFigures>,
     /// Load of the processors by other programs, if the system reports it.
     pub load: Option<Load>,
-    /// Latencies excluded within a second after a start or restart.
+    /// Number of latencies excluded within a second after a start or restart.
     pub warm_up_left_out: u64,
-    /// The paper's Table 4 with today's figures.
+    /// The paper's Table 4 with the medians of this run.
     pub paper_table_4: Vec<PaperLine>,
     /// Time of each phase of the simulation step.
     pub step_profile: Vec<PhaseFigures>,
-    /// The picture, if there was one.
+    /// Figures of the picture, if there was one.
     pub picture: Option<Picture>,
-    /// How well bodies were tracked.
+    /// Figures of the tracking.
     pub tracking: TrackingFigures,
-    /// The body that was tracked in the least share of frames, and that share.
+    /// The body that was tracked in the smallest share of frames, and that share, 0 to 1.
     #[serde(skip)]
     pub least_tracked: (&'static str, f64),
     /// Persistent problems, with likely cause and remedy.
     pub warnings: Vec<Warning>,
-    /// Processes that ran and put out nothing for half a second or more.
+    /// Processes that were running but sent nothing for half a second or more.
     pub silences: Vec<Warning>,
     /// Figures of a live blob stream.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub blob_stream: Option<LiveFigures>,
-    /// Each process.
+    /// Figures of each process.
     pub processes: Vec<ProcessFigures>,
     /// Number of restarts, by process.
     pub restarts: BTreeMap<&'static str, u32>,
-    /// What happened to the processes, in words, with the time since the start.
+    /// Incidents during the run (restarts, drivers, attempts), with the time since the start, s.
     #[serde(rename = "happenings")]
     pub incidents: Vec<Incident>,
-    /// Processes that ended with an error when they were asked to end: what they wrote is not whole.
+    /// Processes that ended with an error at the end of the run, so that their output may be incomplete.
     pub unfinished: Vec<String>,
-    /// Blocks that should have been and did not come, by channel: overwritten before the launcher read them,
-    /// or never published (camera-fields whose number was skipped, fields without a tracker frame).
+    /// Missing blocks by channel: overwritten before the launcher read them, or never published (skipped
+    /// field numbers, fields without a tracker frame).
     pub lost: BTreeMap<&'static str, u64>,
-    /// Of all channels, those that were overwritten.
+    /// Number of blocks that were overwritten, on all channels.
     #[serde(skip)]
     pub overwritten: u64,
-    /// Frames that are missing though their fields came.
+    /// Number of frames that are missing although their fields arrived.
     pub frames_withheld: u64,
     /// Number of times the simulation died and could not resume.
     pub states_lost: u64,
-    /// Messages by channel.
+    /// Number of received messages by channel.
     pub received: BTreeMap<&'static str, u64>,
-    /// Events by kind.
+    /// Number of events by kind.
     pub events: BTreeMap<&'static str, u64>,
     /// Tissue removed by vitrectors, and the remaining vitreous.
     pub removed: Option<Removed>,
-    /// The recording, if there was one.
+    /// Figures of the recording, if there was one.
     pub recording: Option<RecordingFigures>,
-    /// How the pictures of each live camera came, where they came through pipes or from files.
+    /// Delivery of the pictures of each camera, if they came from devices, pipes or files.
     pub cameras: Vec<Delivery>,
-    /// How a real pedal and real handles did.
+    /// Figures of a real pedal and real handles.
     pub controls: Vec<ControlFigures>,
 }
 
@@ -102,7 +102,7 @@ pub struct Setup {
     pub rig: String,
     pub seed: u64,
     pub source: String,
-    /// The file of colours, or `shipped`.
+    /// File of the colour classes, or `shipped`.
     pub colours: String,
     pub view: &'static str,
     /// True if cameras, tracker and simulation ran under the real-time scheduler.
@@ -110,7 +110,7 @@ pub struct Setup {
     pub injected_delays_ms: BTreeMap<&'static str, f64>,
 }
 
-/// Versions.
+/// Versions of the program.
 #[derive(Debug, Clone, Serialize)]
 #[allow(missing_docs)]
 pub struct Versions {
@@ -119,7 +119,7 @@ pub struct Versions {
 }
 
 impl Versions {
-    /// Of this build.
+    /// Version and profile of this build.
     pub fn of_this_build() -> Self {
         let profile = if cfg!(debug_assertions) { "debug" } else { "release" };
         Versions { vitreo: env!("CARGO_PKG_VERSION"), profile }
@@ -133,36 +133,35 @@ pub struct Picture {
     pub frames: u64,
     pub frames_per_second: f64,
     pub missed: u64,
-    /// Quality tier of the last frame, 0 is the best.
+    /// Quality tier of the last frame; 0 is the best.
     pub tier: u32,
-    /// Frames shown at each tier.
+    /// Number of frames shown at each quality tier.
     pub frames_by_tier: BTreeMap<u32, u64>,
-    /// Every choice of a tier, the first included; the first hundred.
+    /// The first hundred choices of a quality tier, including the initial one.
     pub tiers: Vec<TierChoice>,
-    /// Of one channel, last frame.
+    /// Size of one channel in the last frame, px.
     pub width_px: u32,
     pub height_px: u32,
-    /// What the frames' instant `displayed` is, by which the whole system is judged.
+    /// Meaning of the frames' timestamp `displayed`, on which the latency of the whole system is based.
     pub displayed: &'static str,
-    /// Frames with a presentation time from the display server.
+    /// Number of frames with a presentation time from the display server.
     pub reported: u64,
-    /// In the renderer's own words: adapter, tier.
+    /// Status text of the renderer: adapter and tier.
     pub renderer: String,
 }
 
-/// A choice of the quality governor.
+/// A choice of a quality tier.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TierChoice {
-    /// Since the first frame, s.
+    /// Time since the first frame, s.
     pub at_s: f64,
-    /// The tier, 0 is the best.
+    /// The chosen tier; 0 is the best.
     pub tier: u32,
-    /// Why.
+    /// Reason for the choice.
     pub reason: &'static str,
 }
 
-/// What vitrectors took by the end of the run (of its last attempt), and what is left of the
-/// vitreous, at rest.
+/// Tissue that vitrectors removed in the last attempt, and the rest volume of the vitreous that is left.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 #[allow(missing_docs)]
 pub struct Removed {
@@ -173,7 +172,7 @@ pub struct Removed {
 }
 
 impl Removed {
-    /// By a step.
+    /// Removed tissue up to a step.
     pub fn of(step: &StepRecord) -> Self {
         Removed {
             membrane_mm2: step.membrane_cut_um2 as f64 * 1e-6,
@@ -183,7 +182,7 @@ impl Removed {
         }
     }
 
-    /// In words; empty if nothing is gone.
+    /// The figures as text; empty if nothing was removed.
     pub fn text(&self) -> String {
         let areas = [("membrane", self.membrane_mm2), ("retina", self.retina_mm2)];
         let areas = areas.into_iter().filter(|(_, mm2)| *mm2 > 0.0);
@@ -201,7 +200,7 @@ impl Removed {
 pub struct ProcessFigures {
     pub process: &'static str,
     pub restarts: u32,
-    /// Share of one core, percent.
+    /// CPU time, percent of one core.
     pub cpu_percent: f64,
     pub received: u64,
     pub sent: u64,
@@ -210,7 +209,7 @@ pub struct ProcessFigures {
     pub text: String,
 }
 
-/// Something that happened to a process.
+/// An incident during a run: a restart, a driver, or an attempt.
 #[derive(Debug, Clone, Serialize)]
 #[allow(missing_docs)]
 pub struct Incident {
@@ -224,29 +223,29 @@ pub struct Incident {
 pub struct RecordingFigures {
     pub file: String,
     pub items: u64,
-    /// Items that did not reach the file.
+    /// Number of items that are not in the file.
     pub lost: u64,
     pub bytes: u64,
     /// Number of parts, if split.
     pub parts: Option<u32>,
-    /// Why it could not be finished.
+    /// Why the recording is incomplete; `None` if it is complete.
     pub problem: Option<String>,
 }
 
-/// Times of a phase of the simulation step.
+/// Durations of a phase of the simulation step.
 #[derive(Debug, Clone, Serialize)]
 pub struct PhaseFigures {
-    /// One of [`StepProfile::PHASES`].
+    /// Name, one of [`StepProfile::PHASES`].
     pub phase: &'static str,
     /// Median, ms.
     pub p50_ms: f64,
     /// 99th percentile, ms.
     pub p99_ms: f64,
-    /// Longest, ms.
+    /// Maximum, ms.
     pub max_ms: f64,
 }
 
-/// Times of every phase of the simulation step; empty without a step.
+/// Durations of all phases of the simulation step; empty if there was no step.
 pub fn step_profile(latencies: &LatencyStats) -> Vec<PhaseFigures> {
     let phases = StepProfile::PHASES.into_iter().zip(&latencies.phases).filter(|(_, d)| d.count() > 0);
     phases
@@ -260,7 +259,7 @@ pub fn step_profile(latencies: &LatencyStats) -> Vec<PhaseFigures> {
 }
 
 impl Report {
-    /// The tables for a person.
+    /// The report as text, in tables.
     pub fn text(&self) -> String {
         let mut out = String::new();
         // Writing to a string cannot fail.
@@ -299,7 +298,8 @@ impl Report {
         writeln!(out, "{}", self.judgement())
     }
 
-    /// Whether budgets were kept, in words; where not, whether other programs explain it.
+    /// Text that says whether the budgets were met and, if not, whether the load of other programs explains
+    /// it.
     pub fn judgement(&self) -> String {
         let judged: Vec<&StageFigures> = self.stages.iter().filter(|s| s.is_judged()).collect();
         let broken: Vec<&StageFigures> = judged.iter().copied().filter(|s| s.broken).collect();

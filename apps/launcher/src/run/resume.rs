@@ -1,10 +1,10 @@
-//! State that a restarted simulation resumes from: a checkpoint and every input since, in a bounded queue.
-//! Pure but for the journals it writes. Which of them the checkpoint's state has consumed is the simulation's
-//! to know.
+//! The state from which a restarted simulation resumes: a checkpoint and every input since, in a bounded
+//! queue. The simulation knows which inputs its checkpoint has consumed. Pure except for writing the
+//! journals.
 //!
-//! A simulation that dies while it is resuming is resumed again from the same past. If that past
-//! may be what kills it, the checkpoint before the newest is tried, which leads to the same state
-//! by other steps; at last it begins at its scene, and the state is lost.
+//! A simulation that dies while it resumes is resumed again from the same checkpoint. If the state itself
+//! causes the crash, the previous checkpoint is used, from which the simulation reaches the same state by
+//! other steps. If that fails too, the simulation restarts from its scene, and the state is lost.
 
 use ipc::Instance;
 use protocol::journal::{self, Entry};
@@ -14,45 +14,45 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Checkpoints kept: two that a simulation can resume from, and the one before them, since which everything
-/// has come that the older of the two has not consumed.
+/// Number of kept checkpoints: two from which a simulation can resume, and the one before them, because all
+/// inputs since that one may be needed for the older of the two.
 const CHECKPOINTS: usize = 3;
-/// Items kept. A checkpoint comes every 2 s at least, in which some 500 of them arrive.
+/// Maximum number of kept items. A checkpoint comes at least every 2 s, in which about 500 items arrive.
 const ROOM: usize = 16_384;
-/// Deaths in a row while resuming after which another past is tried: that since the checkpoint
-/// before the newest, then none.
+/// Number of deaths in a row while resuming, after which another checkpoint is used: for the newest
+/// checkpoint, and in addition for the one before it. After these the state is given up.
 const NEWEST_TRIES: u32 = 3;
 const OLDER_TRIES: u32 = 2;
 
-/// The newest checkpoints and the inputs and steps since.
+/// The newest checkpoints, and the inputs and steps since the oldest of them.
 #[derive(Debug, Default)]
 pub struct Resume {
-    /// In the order in which they came, since the oldest checkpoint that is kept or the start.
+    /// Items in the order of arrival, since the oldest kept checkpoint or the start.
     items: VecDeque<Item>,
-    /// Something since the start was dropped.
+    /// True if items since the start have been dropped.
     gap: bool,
-    /// A step was made since the start.
+    /// True if the simulation has made a step since the start.
     begun: bool,
-    /// Simulations in a row that died while they were resuming.
+    /// Number of simulations in a row that died while they resumed.
     failed: u32,
-    /// Where the simulation started last waits for its journal.
+    /// Path of the journal for which the newest simulation waits.
     waiting: Option<PathBuf>,
     journals: u32,
 }
 
-/// Point that a restarted simulation resumes from.
+/// Where a restarted simulation starts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Origin {
-    /// Position of its predecessor.
+    /// Where the previous one stopped.
     Past,
-    /// The scene: there is no past yet.
+    /// At the scene, because no step has been made yet.
     Beginning,
-    /// The scene: the state is lost.
+    /// At the scene, because the state is lost.
     Lost,
 }
 
 impl Resume {
-    /// Adds an item; kinds other than inputs, steps and checkpoints are ignored.
+    /// Adds an input, a step or a checkpoint; other items are ignored.
     pub fn note(&mut self, item: &Item) {
         match item {
             Item::Handle(_) | Item::Pedal(_) | Item::Poses(_) | Item::Step(_) => {
@@ -68,7 +68,7 @@ impl Resume {
         self.items.push_back(item.clone());
     }
 
-    /// Drops everything before the newest `kept` checkpoints, if there are that many.
+    /// Drops all items before the `kept`th newest checkpoint, if there are that many.
     fn forget_before(&mut self, kept: usize) {
         if let Some(oldest) = self.checkpoint(kept - 1) {
             self.items.drain(..oldest);
@@ -76,39 +76,39 @@ impl Resume {
         }
     }
 
-    /// Place of the newest checkpoint but `back`.
+    /// Index of the checkpoint `back` places before the newest.
     fn checkpoint(&self, back: usize) -> Option<usize> {
         let places = self.items.iter().enumerate().filter(|(_, i)| matches!(i, Item::Checkpoint(..)));
         places.rev().nth(back).map(|(at, _)| at)
     }
 
-    /// True if the simulation can resume from the checkpoint `back` before the newest. Without one it can be
-    /// computed again from the start only if no input is missing.
+    /// True if the simulation can resume from the checkpoint `back` places before the newest. Without that
+    /// checkpoint it can still be computed from the start, if no input is missing.
     fn is_usable(&self, back: usize) -> bool {
         self.checkpoint(back).is_some() || (!self.gap && !self.items.is_empty())
     }
 
-    /// The newest checkpoint but `back`, and what may not be consumed by it, in the order in which it
-    /// came.
+    /// The checkpoint `back` places before the newest, and all items that it may not have consumed, in the
+    /// order of arrival.
     fn past(&self, back: usize) -> impl Iterator<Item = &Item> {
         let (from, before) = (self.checkpoint(back), self.checkpoint(back + 1).map_or(0, |at| at + 1));
         let items = self.items.iter().enumerate().skip(before);
         items.filter(move |(at, i)| !matches!(i, Item::Checkpoint(..)) || Some(*at) == from).map(|(_, i)| i)
     }
 
-    /// Writes a past as a journal, whole or not at all.
+    /// Writes checkpoint and items as a journal. The file appears complete or not at all.
     fn write(&self, back: usize, file: &Path) -> io::Result<()> {
         let entries: Vec<Entry> = self.past(back).filter_map(|i| i.clone().into_entry()).collect();
         ipc::write_whole(file, |to| journal::write(to, entries.iter()))
     }
 
-    /// Forgets everything: the simulation starts from its scene.
+    /// Drops all items: the simulation starts from its scene.
     pub fn clear(&mut self) {
         *self = Resume { journals: self.journals, ..Resume::default() };
     }
 
-    /// Decides from where a simulation is started again; the one before was at work when it died,
-    /// or was not.
+    /// Decides where a simulation is restarted. `was_at_work`: the previous one had finished resuming when it
+    /// died.
     fn origin(&mut self, was_at_work: bool) -> Origin {
         self.failed = if was_at_work { 0 } else { self.failed + 1 };
         let tries = NEWEST_TRIES + if self.is_usable(1) { OLDER_TRIES } else { 0 };
@@ -119,8 +119,9 @@ impl Resume {
         }
     }
 
-    /// Arguments with which a restarted simulation resumes at its predecessor's position. Its journal is
-    /// written once it has opened its channels ([`Resume::serve`]), so that no input falls in between.
+    /// Arguments with which a restarted simulation resumes where the previous one stopped. Its journal is
+    /// written later ([`Resume::serve`]), once the simulation has opened its channels, so that no input is
+    /// missed in between.
     pub fn arguments(&mut self, instance: &Instance, was_at_work: bool) -> (Vec<String>, Origin) {
         if let Some(unread) = self.waiting.take() {
             let _ = fs::remove_file(unread);
@@ -130,18 +131,18 @@ impl Resume {
             self.clear();
             return (Vec::new(), origin);
         }
-        // A name of its own: the simulation starts as soon as there is such a file.
+        // Each journal has its own name, because a simulation starts as soon as the file exists.
         let file = instance.directory().join(format!("resume-{}.journal", self.journals));
         self.journals += 1;
         self.waiting = Some(file.clone());
         (vec!["--resume".into(), file.display().to_string()], origin)
     }
 
-    /// Writes the journal for which the simulation waits that was started last. Everything sent
-    /// until it opened its channels must have been noted.
+    /// Writes the journal for which the newest simulation waits. Everything that was sent before it opened
+    /// its channels must have been added.
     ///
     /// # Errors
-    /// Where the file cannot be written; the simulation then gives up waiting, and is started again.
+    /// If the file cannot be written. The simulation then times out and is restarted.
     pub fn serve(&self) -> io::Result<()> {
         let Some(file) = self.waiting.as_deref() else { return Ok(()) };
         self.write(usize::from(self.failed >= NEWEST_TRIES), file)

@@ -1,4 +1,4 @@
-//! Status screen of a run; without a terminal, one line every ten seconds.
+//! Status screen of a run on a terminal; elsewhere one line every 10 s.
 
 use super::external::Presence;
 use super::latency_stats::LatencyStats;
@@ -9,45 +9,47 @@ use diagnosis::{Finding, Watch};
 use ipc::logging::{inform, is_json};
 use outputs::printable;
 use protocol::budget::{Budgets, Stage};
+use protocol::frames::FrameRecord;
 use protocol::health::{Health, STATE_DEGRADED, STATE_FINISHED, STATE_RUNNING};
-use protocol::poses::BODY_NAMES;
-use protocol::steps::StepProfile;
+use protocol::message::Message;
+use protocol::poses::{BODY_NAMES, TrackerFrame};
+use protocol::steps::{StepProfile, StepRecord};
 use protocol::time::Nanos;
 use std::io::{IsTerminal, Write};
 
-/// Period of the screen on a terminal, ns.
+/// Period of the status screen on a terminal, ns.
 const REDRAW_NS: u64 = 333_000_000;
-/// Period of the line elsewhere, ns.
+/// Period of the status line elsewhere, ns.
 const LINE_NS: u64 = 10_000_000_000;
 
-/// What there is to show.
+/// Data for the status.
 pub struct Status<'a> {
-    /// Now.
+    /// Current time, ns of `CLOCK_MONOTONIC`.
     pub now: Nanos,
-    /// Since the first field, s.
+    /// Time since the first field, s.
     pub elapsed_s: f64,
     /// Length of the run, if limited, s.
     pub duration_s: Option<f64>,
-    /// Traffic, events, bodies, picture.
+    /// Traffic, events, bodies and picture.
     pub monitor: &'a Monitor,
-    /// Latencies.
+    /// Latency histograms.
     pub latencies: &'a LatencyStats,
-    /// Limits.
+    /// Latency budgets.
     pub budgets: &'a Budgets,
-    /// Processes.
+    /// The processes.
     pub slots: &'a [Slot],
-    /// The recorder, in words; empty without one.
+    /// State of the recorder as text; empty without a recorder.
     pub recorder: String,
-    /// The newest thing that happened to a process; empty if nothing did.
+    /// The newest incident, or "paused"; empty if there was none.
     pub incident: &'a str,
     /// Persistent problems.
     pub watch: &'a Watch,
-    /// The process that sends nothing, if there is one.
+    /// The process or stream that sends nothing, if there is one.
     pub silence: Option<&'a Finding>,
 }
 
 impl Status<'_> {
-    /// The whole screen.
+    /// All lines of the screen.
     pub fn lines(&self) -> Vec<String> {
         let of = self.duration_s.map(|d| format!(" of {d:.0} s")).unwrap_or_default();
         let mut lines =
@@ -136,9 +138,9 @@ impl Status<'_> {
         }
     }
 
-    /// One line; the picture and stages without samples are omitted.
+    /// The status as one line, without the picture and stages that have no samples.
     pub fn line(&self) -> String {
-        let rate = |c: usize| self.monitor.traffic[c].rate_hz;
+        let rate = |channel: &str| self.monitor.traffic_of(channel).rate_hz;
         let stages =
             [(Stage::Tracking, 2), (Stage::Simulation, 2), (Stage::Rendering, 1), (Stage::WholeSystem, 1)];
         let measured = stages.map(|(stage, digits)| (stage.name(), digits, self.latencies.stage(stage)));
@@ -149,19 +151,22 @@ impl Status<'_> {
             .collect();
         let p99 = if p99.is_empty() { String::new() } else { format!("; p99 ms: {}", p99.join(", ")) };
         let restarts: u32 = self.slots.iter().map(|s| s.restarts).sum();
-        let picture = self.monitor.frame.map(|f| format!(", {:.0} frames/s, tier {}", rate(5), f.tier));
+        let picture = self
+            .monitor
+            .frame
+            .map(|f| format!(", {:.0} frames/s, tier {}", rate(FrameRecord::CHANNEL), f.tier));
         let picture = picture.unwrap_or_default();
         let silence = self.silence.map(|finding| format!("; ! {}", finding.what)).unwrap_or_default();
         format!(
             "{:.0} s: {:.0} poses/s, {:.0} steps/s{picture}{p99}; {restarts} restarts{silence}",
             self.elapsed_s,
-            rate(3),
-            rate(4),
+            rate(TrackerFrame::CHANNEL),
+            rate(StepRecord::CHANNEL),
         )
     }
 }
 
-/// Where the status is shown.
+/// Shows the status on standard error.
 pub struct Screen {
     terminal: bool,
     next_ns: Nanos,
@@ -169,13 +174,13 @@ pub struct Screen {
 }
 
 impl Screen {
-    /// On standard error.
+    /// A screen on standard error.
     pub fn new() -> Self {
         let terminal = std::io::stderr().is_terminal() && !is_json();
         Screen { terminal, next_ns: 0, drawn_lines: 0 }
     }
 
-    /// True if something is to be shown at `now`; then [`Screen::show`] is due.
+    /// True if [`Screen::show`] is due at `now`.
     pub fn due(&mut self, now: Nanos) -> bool {
         let period = if self.terminal { REDRAW_NS } else { LINE_NS };
         if self.next_ns == 0 {
@@ -197,11 +202,11 @@ impl Screen {
         let lines = status.lines();
         let text = frame(&lines, self.drawn_lines);
         self.drawn_lines = lines.len();
-        // Without its terminal the run continues.
+        // The run continues without its terminal.
         let _ = std::io::stderr().write_all(text.as_bytes());
     }
 
-    /// Writes a sentence that stays, above the status; a record where messages are JSON lines.
+    /// Prints a message above the status, where it stays; as a record if messages are JSON lines.
     pub fn print(&mut self, sentence: &str) {
         if is_json() {
             return inform(sentence);
@@ -209,7 +214,7 @@ impl Screen {
         self.pass_on(sentence);
     }
 
-    /// Writes a line of a child, above the status.
+    /// Prints a line of a child process above the status.
     pub fn pass_on(&mut self, sentence: &str) {
         let text = format!("{}{}\n", clear(self.drawn_lines), printable(sentence));
         self.drawn_lines = 0;
@@ -223,12 +228,12 @@ impl Default for Screen {
     }
 }
 
-/// Control sequence that takes `lines` drawn lines away.
+/// Control sequence that erases the last `lines` lines.
 fn clear(lines: usize) -> String {
     if lines == 0 { String::new() } else { format!("\x1b[{lines}F\x1b[J") }
 }
 
-/// Text that replaces `drawn` earlier lines with `lines`, each truncated at the terminal's edge.
+/// Text that replaces `drawn` earlier lines with `lines`, each truncated at the edge of the terminal.
 fn frame(lines: &[String], drawn: usize) -> String {
     const NO_WRAP: &str = "\x1b[?7l";
     const WRAP: &str = "\x1b[?7h";
@@ -242,7 +247,6 @@ mod tests {
     use super::*;
     use bytemuck::Zeroable;
     use protocol::events::{Event, EventKind, Severity};
-    use protocol::steps::StepRecord;
     use recording::Item;
 
     fn with_status(check: impl FnOnce(&Status<'_>)) {

@@ -1,4 +1,5 @@
-//! A run from its first process to its last: the loop that receives, supervises, records and shows.
+//! A run from its first process to its last: the main loop, which receives, supervises, records and shows the
+//! status.
 
 mod attempts;
 mod closing;
@@ -43,85 +44,86 @@ use tokio::sync::mpsc;
 use tokio::time::{Instant, timeout_at};
 use training::score::recording::LiveScore;
 
-/// After the end of the stream the last fields get this long to reach the picture.
+/// Time after the end of the stream in which the last fields can reach the picture.
 const LINGER: Duration = Duration::from_millis(300);
-/// The cameras end a run after its duration; the launcher ends it itself this much later, ns.
+/// Time after the end of the duration at which the launcher ends the run itself, ns. Usually the cameras end
+/// it.
 const OVERTIME_NS: u64 = 3_000_000_000;
-/// Period of the messages while the processes start.
+/// Period of the messages during start-up.
 const START_MESSAGE_PERIOD: Duration = Duration::from_secs(5);
-/// Lines of the processes that wait to be shown at most.
+/// Capacity of the queue of lines from the processes.
 const LINES_QUEUE: usize = 1024;
 
 /// A run in progress.
 pub struct Session<'a> {
-    /// With level and recording of the current attempt.
+    /// Arguments, with level and recording of the current attempt.
     args: RunArgs,
     view: View,
     budgets: &'a Budgets,
     provenance: Provenance,
-    /// Scene of the module, if any.
+    /// Composed scene of the module, if there is a module.
     composed: Option<&'a mut Composed>,
     control: AttemptControl,
     answers: Sender<Answer>,
     notices: Sender<Notice>,
-    /// The answers to the newest command.
+    /// Answers to the newest command.
     command: CommandProgress,
-    /// Start of the pause.
+    /// Start of the current pause, ns; `None` if not paused.
     paused_ns: Option<Nanos>,
     help: attempts::HelpState,
-    /// The attempts that are over.
+    /// The completed attempts.
     attempts: Vec<Attempt>,
-    /// Where the first attempt is recorded.
+    /// Requested recording file, whose name is numbered for later attempts.
     first_record: Option<PathBuf>,
     stop: StopSignal,
     tap: ChannelTap,
     consumers: Consumers,
     supervisor: Supervisor,
     screen: Screen,
-    /// Standard error of the processes.
+    /// Receives the lines of the processes' standard error.
     lines: mpsc::Receiver<String>,
     incidents: Vec<Incident>,
     /// Number of times the simulation could not resume.
     states_lost: u64,
-    /// When the source was first waited for, and when this is said next; 0 before.
+    /// Start of the wait for the source, and time of the next message about it, ns; 0 before.
     awaited_ns: Nanos,
-    say_awaited_ns: Nanos,
-    /// When the cameras were ready; 0 before.
+    report_waiting_ns: Nanos,
+    /// Time at which the cameras became ready, ns; 0 before.
     started_ns: Nanos,
-    /// Start of the attempt, shifted by every pause; 0 before.
+    /// Start of the attempt, shifted by every pause, ns; 0 before.
     attempt_ns: Nanos,
-    /// Time of the last check for warnings.
+    /// Time of the last check for warnings, ns.
     watched_ns: Nanos,
     own_cpu: CpuAccount,
     load: LoadAccount,
     traced: Traced,
-    // Last, so that the directory goes after the channels.
+    // Dropped last, so that the instance's directory is removed after the channels are closed.
     instance: Instance,
 }
 
-/// How far the processes are with a command.
+/// Progress of a command sent to the processes.
 #[derive(Debug, Default)]
 struct CommandProgress {
-    /// Number of its request.
+    /// Sequence number of the request.
     seq: u64,
     /// Processes that have not answered yet.
     waiting: Vec<u32>,
-    /// Why processes could not do it.
+    /// Reasons of processes that could not execute the command.
     problems: Vec<String>,
 }
 
 /// Results of an attempt.
 #[derive(Debug, Clone)]
 pub struct Attempt {
-    /// Its level.
+    /// Level of the module.
     pub level: u32,
-    /// Its recording.
+    /// File of the recording, if there is one.
     pub record: Option<PathBuf>,
     /// The score that the simulation published.
     pub live: LiveScore,
 }
 
-/// Everything that consumes the items.
+/// Consumers of the received items.
 struct Consumers {
     latencies: LatencyStats,
     monitor: Monitor,
@@ -136,7 +138,7 @@ struct Consumers {
 }
 
 impl Consumers {
-    /// Nothing seen yet; the rig is read.
+    /// Creates empty consumers for a run; reads the rig.
     fn new(args: &RunArgs, recorder: Option<Recorder>) -> anyhow::Result<Self> {
         Ok(Consumers {
             latencies: LatencyStats::default(),
@@ -183,10 +185,11 @@ impl Consumers {
 }
 
 impl<'a> Session<'a> {
-    /// Opens the instance, its channels and the recording. Nothing runs yet.
+    /// Opens the instance, its channels and the recording, without starting a process.
     ///
     /// # Errors
-    /// Where rig or scene are refused, the instance is in use, or the recording cannot be made.
+    /// If rig or scene are invalid, the instance is in use, there is no display for a desk, or the recording
+    /// cannot be created.
     pub fn open(
         args: &RunArgs,
         composed: Option<&'a mut Composed>,
@@ -227,7 +230,7 @@ impl<'a> Session<'a> {
             incidents: Vec::new(),
             states_lost: 0,
             awaited_ns: 0,
-            say_awaited_ns: 0,
+            report_waiting_ns: 0,
             started_ns: 0,
             attempt_ns: 0,
             watched_ns: 0,
@@ -238,10 +241,10 @@ impl<'a> Session<'a> {
         })
     }
 
-    /// Starts everything, runs to the end, and returns why it ended.
+    /// Starts all processes and runs to the end. Returns why the run ended.
     ///
     /// # Errors
-    /// Where a process does not start or dies too often, or a channel fails.
+    /// If a process does not start or dies too often, or a channel fails.
     pub async fn run(&mut self) -> anyhow::Result<&'static str> {
         self.start_receivers().await?;
         self.invite_drivers()?;
@@ -254,7 +257,8 @@ impl<'a> Session<'a> {
         Ok(why)
     }
 
-    /// Starts what receives and waits until it works, so that no process misses the first field.
+    /// Starts the processes that receive and waits until they are ready, so that none of them misses the
+    /// first field.
     async fn start_receivers(&mut self) -> anyhow::Result<()> {
         let picture = (self.view != View::None).then_some(Process::Renderer);
         let controls = self.args.controls.any().then_some(Process::Controls);
@@ -277,7 +281,7 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// The loop.
+    /// The main loop.
     async fn work(&mut self) -> anyhow::Result<&'static str> {
         loop {
             let events = self.turn().await?;
@@ -308,10 +312,10 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Lets the cameras end first, and the last fields arrive.
+    /// Ends the cameras first and lets the last fields arrive.
     async fn linger(&mut self) -> anyhow::Result<()> {
         self.supervisor.ask(self.args.source() as u32, Command::Shutdown, 0);
-        // Its last picture is not held: nothing more will come.
+        // No more scenes will come, so the last picture must not be marked as held.
         self.supervisor.ask(Process::Renderer as u32, Command::Flush, 0);
         let end = Instant::now() + LINGER;
         while timeout_at(end, self.tap.wait()).await.is_ok() {
@@ -320,7 +324,7 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// Waits until there is something to do, receives everything, and restarts processes that died.
+    /// Waits until there is something to do, receives everything, and restarts dead processes.
     async fn turn(&mut self) -> anyhow::Result<Vec<ProcessEvent>> {
         let child_ended = self.supervisor.child_ended();
         tokio::select! {
@@ -359,7 +363,7 @@ impl<'a> Session<'a> {
         Ok(events)
     }
 
-    /// Records that blocks were lost before the launcher could read them.
+    /// Records a note about blocks that were overwritten before the launcher could read them.
     fn note_losses(&mut self, at: Nanos) {
         let lost = self.tap.lost();
         let total: u64 = lost.values().sum();
@@ -375,10 +379,10 @@ impl<'a> Session<'a> {
     fn note_event(&mut self, event: &ProcessEvent) -> anyhow::Result<()> {
         let at = now();
         match event {
-            ProcessEvent::Gone(driver) => self.tell_driver(at, *driver, false),
+            ProcessEvent::Gone(driver) => self.report_driver(at, *driver, false),
             ProcessEvent::Ready(process) => {
                 if self.args.real.drivers().contains(process) {
-                    self.tell_driver(at, *process, true);
+                    self.report_driver(at, *process, true);
                 }
                 if *process == self.args.source() && self.started_ns == 0 {
                     (self.started_ns, self.attempt_ns) = (at, at);
@@ -391,7 +395,7 @@ impl<'a> Session<'a> {
                     self.consumers.latencies.warm_from(at + WARM_UP_NS);
                 }
             }
-            ProcessEvent::Restarting(process, how) => self.tell_restart(at, *process, how),
+            ProcessEvent::Restarting(process, how) => self.report_restart(at, *process, how),
             ProcessEvent::Joined(_) | ProcessEvent::StreamEnded | ProcessEvent::WindowClosed => {}
         }
         Ok(())
@@ -401,7 +405,7 @@ impl<'a> Session<'a> {
         if self.started_ns == 0 { 0.0 } else { at.saturating_sub(self.started_ns) as f64 * 1e-9 }
     }
 
-    /// Remaining duration, ns; negative in overtime; `None` without an end.
+    /// Remaining duration, ns; negative in overtime; `None` for a run without a duration.
     fn remaining_ns(&self) -> Option<i64> {
         let duration_ns = (self.args.duration? * 1e9) as i64;
         let until = self.paused_ns.unwrap_or_else(now);

@@ -1,4 +1,4 @@
-//! Detects processes that receive input but send nothing, so that a run does not continue unnoticed. Pure.
+//! Detects processes that receive input but send nothing, so that a stalled run is reported. Pure.
 
 use super::monitor::CHANNELS;
 use diagnosis::{Finding, Warning};
@@ -7,17 +7,17 @@ use protocol::time::Nanos;
 
 /// A process that sends nothing for this long is silent, ns.
 const SILENT_NS: u64 = 500_000_000;
-/// While nothing has come from upstream for this long, nothing is expected, ns: five fields.
+/// If nothing has come from upstream for this long, ns (five fields), a process is not expected to send.
 const STARVED_NS: u64 = 100_000_000;
-/// Longest time between two calls that counts: a machine that slept is no silence, ns.
+/// Longest time between two calls that is counted, ns, so that a suspended machine is no silence.
 const LONGEST_STEP_NS: u64 = 100_000_000;
-/// Silences kept for the report.
+/// Maximum number of silences kept for the report.
 const KEPT: usize = 100;
 
-/// Cause and remedy for a process.
+/// Cause and remedy for a process of the run.
 const OF_PROCESS: [&str; 2] =
     ["its messages on standard error give the reason", "end the run and report this with its recording"];
-/// Cause and remedy for a live stream.
+/// Cause and remedy for a live blob stream.
 const OF_STREAM: [&str; 2] = [
     "its writer is missing or writes nothing valid: see virtual-rig's messages on standard error",
     "check the writer; the run continues and reads its lines again",
@@ -25,30 +25,30 @@ const OF_STREAM: [&str; 2] = [
 /// Cause and remedy for an external driver.
 const OF_DRIVER: [&str; 2] =
     ["its driver is missing or has nothing to send", "check the driver; the run continues and reconnects"];
-/// Name of a live stream.
+/// Name of a live blob stream.
 const STREAM: &str = "the blob stream";
-/// Suffix of drivers' names.
+/// Suffix of the names of external drivers.
 const DRIVER: &str = "-driver";
 
-/// Outputs of the processes, in the order of the data path.
+/// Output of a process, checked for silence.
 #[derive(Debug)]
 struct Output {
-    /// The process, or both that make blobs.
+    /// Name of the process, or of the side that sends blobs.
     name: &'static str,
-    /// Index into [`CHANNELS`].
+    /// Index of its channel in [`CHANNELS`].
     channel: usize,
-    /// What its absence means.
+    /// Effect of a silence, as text.
     effect: &'static str,
-    /// Cause of the silence and its remedy, after the count of earlier messages.
+    /// Cause and remedy, as text.
     advice: [&'static str; 2],
-    /// Message count at the latest call.
+    /// Number of messages at the latest call.
     count: u64,
     silent_ns: u64,
-    /// Index of the warning of a silence that lasts.
+    /// Index of the warning about the current silence.
     warning: Option<usize>,
 }
 
-/// Checks that every process of a run produces output for its input.
+/// Checks that every process of a run sends output for its input.
 #[derive(Debug)]
 pub struct SilenceWatch {
     outputs: Vec<Output>,
@@ -57,8 +57,8 @@ pub struct SilenceWatch {
 }
 
 impl SilenceWatch {
-    /// For a run whose poses come from `source` itself, or from a tracker; `live`: its blobs from a stream
-    /// that others write.
+    /// Checks of a run whose first process is `source`. `live`: the blobs come from a stream that other
+    /// programs write.
     pub fn new(source: Process, live: bool) -> Self {
         let output = |name, channel: &str, effect| Output {
             name,
@@ -90,7 +90,7 @@ impl SilenceWatch {
         SilenceWatch { outputs: source.into_iter().chain(path).collect(), warnings: Vec::new(), at_ns: 0 }
     }
 
-    /// Resets the timers: a pause, a start or a restart is not a silence.
+    /// Resets the timers, because a pause, a start or a restart is not a silence.
     pub fn excuse(&mut self, at_ns: Nanos, at_s: f64) {
         self.at_ns = at_ns;
         for output in &mut self.outputs {
@@ -99,12 +99,12 @@ impl SilenceWatch {
         }
     }
 
-    /// Takes the messages so far by [`CHANNELS`], at an instant and at the time since the start; returns
-    /// what is wrong from now on.
+    /// Adds the number of messages so far, in the order of [`CHANNELS`], at a time in ns and in s since the
+    /// start. Returns a silence that has just been detected.
     pub fn note(&mut self, counts: [u64; CHANNELS.len()], at_ns: Nanos, at_s: f64) -> Option<Finding> {
         let step = at_ns.saturating_sub(self.at_ns).min(LONGEST_STEP_NS);
         self.at_ns = at_ns;
-        // A process without input is not expected to send, and is checked again once its input returns.
+        // A process without input is not expected to send. It is checked again once its input returns.
         let mut is_fed = true;
         for output in &mut self.outputs {
             let count = counts[output.channel];
@@ -132,18 +132,18 @@ impl SilenceWatch {
         Some(finding)
     }
 
-    /// The silence that lasts, if there is one.
+    /// The current silence, if there is one.
     pub fn present(&self) -> Option<&Finding> {
         let index = self.outputs.iter().find_map(|o| o.warning)?;
         Some(&self.warnings[index].finding)
     }
 
-    /// Every silence of a process of the run.
+    /// All silences of processes of the run.
     pub fn of_processes(&self) -> Vec<Warning> {
         self.warnings.iter().filter(|w| !is_of_stream(w)).cloned().collect()
     }
 
-    /// Every silence of what other programs send: no process of the run is at fault.
+    /// All silences of streams and drivers, which are no fault of the run's processes.
     pub fn of_stream(&self) -> Vec<Warning> {
         self.warnings.iter().filter(|w| is_of_stream(w)).cloned().collect()
     }
@@ -165,7 +165,7 @@ mod tests {
 
     const MS: u64 = 1_000_000;
 
-    /// Runs for a second, a call every 10 ms; `flows` are the channels on which messages come.
+    /// Simulates a second with a call every 10 ms, in which messages arrive on the channels `flows`.
     fn second(watch: &mut SilenceWatch, from_ms: u64, flows: &[&str]) -> Vec<String> {
         let mut found = Vec::new();
         for ms in (from_ms..from_ms + 1_000).step_by(10) {
@@ -196,7 +196,7 @@ mod tests {
         let mut watch = SilenceWatch::new(Process::VirtualRig, false);
         assert!(second(&mut watch, 0, &["blobs", "poses", "steps"]).is_empty());
         assert_eq!(second(&mut watch, 1_000, &["blobs"]), ["silence of tracker"]);
-        // The poses are back, a call before the steps.
+        // The poses return one call before the steps.
         let counts = |steps| CHANNELS.map(|c| if c == "steps" { steps } else { 9_000 });
         assert!(watch.note(counts(7), 2_000 * MS, 2.0).is_none(), "{:?}", watch.of_processes());
         assert!(watch.note(counts(8), 2_010 * MS, 2.01).is_none());

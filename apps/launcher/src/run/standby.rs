@@ -1,39 +1,39 @@
-//! Standby renderers with everything loaded and compiled, which takes seconds on a software driver. They use
-//! memory, but no processor time while they wait. The first is ready before the first field, so that nothing
-//! is compiled while frames are judged.
+//! Standby renderers, with everything loaded and compiled, which takes seconds on a software driver. While
+//! they wait they use memory but no processor time. The first one is ready before the first field, so that
+//! nothing is compiled while frames are judged.
 
 use crate::children::Child;
 use protocol::health::Process;
 use protocol::time::Nanos;
 
-/// Makes a renderer wait.
+/// Option that makes a renderer wait for its promotion.
 pub const OPTION: &str = "--standby";
-/// After the start the renderer at work has been so for this long before another is prepared, and that
-/// one for as long before the next, ns: one that does not last needs none, and it needs the processor
-/// itself.
+/// Uptime of the renderer before a standby is prepared, ns, and time between the preparations of two
+/// standbys. The first standby is prepared at once. Preparation takes processor time from the renderer.
 const AFTER_NS: u64 = 1_500_000_000;
-/// How many wait once a renderer has died: one that dies soon after it took over needs the second.
+/// Number of standbys after a renderer has died. A renderer that dies soon after its promotion needs the
+/// second one.
 const WAITING: usize = 2;
-/// Memory that must be available for one, KiB.
+/// Minimum available memory to start a standby, KiB.
 const MEMORY_KIB: u64 = 1 << 20;
-/// How often one may end while it waits before none is started any more.
+/// Number of failures of waiting standbys after which no more are started.
 const MAX_FAILURES: u32 = 3;
 
-/// The renderers that wait, the oldest first.
+/// The waiting renderers, oldest first.
 #[derive(Debug, Default)]
 pub struct Standby {
     children: Vec<Child>,
-    /// Since when the renderer is at work.
+    /// Time since which the renderer has been working, or since the last standby was prepared, ns.
     at_work_since: Option<Nanos>,
     failures: u32,
-    /// A standby has been requested.
+    /// True once a standby has been requested.
     begun: bool,
-    /// One has taken over.
+    /// True once a standby has been promoted.
     used: bool,
 }
 
 impl Standby {
-    /// True if one should be started now.
+    /// True if a standby should be started now. `at_work`: a renderer is working.
     pub fn is_wanted(&mut self, now: Nanos, at_work: bool) -> bool {
         let waited = self.children.len();
         self.children.retain(|child| child.exited().is_none());
@@ -51,30 +51,30 @@ impl Standby {
         {
             return false;
         }
-        // Otherwise it is requested again later.
+        // If there is too little memory, a standby is requested again later.
         (self.begun, self.at_work_since) = (true, None);
         is_memory_enough()
     }
 
-    /// True if the first one need not be waited for: it is ready, or there is none.
+    /// True if the start of a run need not wait for the first standby: it is ready, or there is none.
     pub fn is_prepared(&self) -> bool {
         self.begun && self.children.iter().all(|c| c.is_ready() || c.exited().is_some())
     }
 
-    /// Stores a started standby; `None` if it could not start.
+    /// Stores a started standby; `None` if it could not be started.
     pub fn set(&mut self, child: Option<Child>) {
         self.failures += u32::from(child.is_none());
         self.children.extend(child);
         self.at_work_since = None;
     }
 
-    /// True if one waits.
+    /// True if a standby is waiting.
     pub fn waits(&self) -> bool {
         !self.children.is_empty()
     }
 
-    /// Lets the one that waits take the place of a process, with what its restart would be given;
-    /// `None` if none waits.
+    /// Promotes the oldest standby to take the place of a renderer; `arguments` are those of the renderer's
+    /// restart. `None` for another process or without a standby.
     pub fn take_over(&mut self, process: Process, arguments: &[String]) -> Option<Child> {
         self.children.retain(|child| child.exited().is_none());
         if process != Process::Renderer || self.children.is_empty() {
@@ -82,7 +82,7 @@ impl Standby {
         }
         let mut child = self.children.remove(0);
         (self.used, self.at_work_since) = (true, None);
-        // The tier; none where none was drawn yet.
+        // The last argument is the quality tier; it is missing if no frame was drawn.
         child.write_line(arguments.last().map_or("", String::as_str)).ok()?;
         Some(child)
     }

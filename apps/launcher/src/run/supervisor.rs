@@ -1,4 +1,4 @@
-//! Starts the processes of a run, detects dead and hung ones, and restarts them.
+//! Starts the processes of a run, detects dead and hung processes, and restarts them.
 
 use super::external::Presence;
 use super::options::{RunArgs, View};
@@ -17,66 +17,67 @@ use protocol::time::Nanos;
 use std::sync::Arc;
 use tokio::sync::Notify;
 
-/// How long a process may take from its start to its first work, ns. Compiling shaders on a slow
-/// machine takes some seconds.
+/// Timeout from the start of a process to its first heartbeat as ready, ns. Compiling shaders takes seconds
+/// on a slow machine.
 const START_NS: u64 = 60_000_000_000;
-/// After a pause of its own of this length (a suspended laptop) the launcher restarts no process
-/// for its silence, ns.
+/// If the launcher itself was not running for this long (a suspended laptop), ns, it does not treat silence
+/// as a hang.
 const OWN_SLEEP_NS: u64 = 1_000_000_000;
-/// Niceness of the renderer beside real-time processes: it goes before programs that have nothing to do
-/// with the simulator, where this user has the right.
+/// Niceness of the renderer if the other processes are real-time processes: it takes precedence over programs
+/// outside the simulator, if this user may do so.
 const NICE_BESIDE_REALTIME: i32 = -5;
-/// The same where the others cannot be real-time processes: they still go first.
+/// Niceness of the renderer if the other processes are ordinary processes: they take precedence over it.
 const NICE_BESIDE_USUAL: i32 = 10;
-/// How long a start waits for the standby renderer.
+/// Timeout of a start for the standby renderer, ns.
 const PREPARE_NS: u64 = 15_000_000_000;
 
 /// A change in the state of a process.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ProcessEvent {
-    /// A process has opened its channels and is still preparing.
+    /// The process has opened its channels and is still preparing.
     Joined(Process),
-    /// A process is ready for work, at first or again.
+    /// The process is ready, for the first time or after a restart.
     Ready(Process),
-    /// A process died or hung and is being restarted; with the way it ended.
+    /// The process died or hung and will be restarted; with a text about its end.
     Restarting(Process, String),
-    /// The cameras will send nothing more.
+    /// The cameras have sent their last field.
     StreamEnded,
-    /// The window was closed.
+    /// The user closed the window.
     WindowClosed,
-    /// A driver gives no sign of life any more.
+    /// An external driver sends no heartbeat.
     Gone(Process),
 }
 
-/// One process of the run.
+/// A process of the run.
 #[derive(Debug)]
 pub struct Slot {
-    /// Which.
+    /// The process.
     pub process: Process,
     /// Its newest heartbeat.
     pub health: Option<Health>,
-    /// How often it was restarted.
+    /// Number of restarts.
     pub restarts: u32,
-    /// Its CPU time while it was at work.
+    /// Its CPU time since its first heartbeat, over all restarts.
     pub cpu: CpuAccount,
-    /// `None` while it waits for its restart, and once the run has ended.
+    /// The running child; `None` while it waits for its restart, after the end of the run, and for external
+    /// drivers.
     child: Option<Child>,
-    /// When it is to be started again.
+    /// Time of the planned restart, ns.
     restart_at: Option<Nanos>,
     joined: bool,
     ready: bool,
     was_ready: bool,
-    /// When it became so.
+    /// Time at which it became ready, ns.
     ready_at: Nanos,
     last_sign_ns: Nanos,
     limit: RestartLimit,
-    /// Of a program of another maker, which is not ours to start.
+    /// State of an external driver, which the launcher does not start; `None` for other processes.
     pub presence: Option<Presence>,
 }
 
-/// Starts and restarts the processes.
+/// Starts and restarts the processes of a run.
 pub struct Supervisor {
-    /// The processes of this run.
+    /// The processes of the run.
     pub slots: Vec<Slot>,
     pub(super) args: RunArgs,
     view: View,
@@ -85,17 +86,17 @@ pub struct Supervisor {
     last_check_ns: Nanos,
     stream_ended: bool,
     standby: Standby,
-    /// Collects the children's standard error.
+    /// Receives the children's standard error.
     lines: LineSender,
     /// Notified when a child has ended.
     child_ended: Arc<Notify>,
 }
 
 impl Supervisor {
-    /// Nothing runs yet.
+    /// Creates a supervisor without processes.
     ///
     /// # Errors
-    /// Where the channel of requests cannot be opened.
+    /// If the channel of requests cannot be opened.
     pub fn new(instance: &Instance, args: &RunArgs, view: View, lines: LineSender) -> anyhow::Result<Self> {
         Ok(Self {
             slots: Vec::new(),
@@ -111,15 +112,15 @@ impl Supervisor {
         })
     }
 
-    /// Notified when a child has ended; [`Supervisor::check`] then finds out which.
+    /// Notified when a child has ended; [`Supervisor::find_dead`] then finds it.
     pub fn child_ended(&self) -> Arc<Notify> {
         Arc::clone(&self.child_ended)
     }
 
-    /// Starts a process. `extra` arguments come after those of the run.
+    /// Starts a process; `remaining_s` is the remaining duration of the run, s.
     ///
     /// # Errors
-    /// Where its binary is absent or cannot be run.
+    /// If the program is missing or cannot be started.
     pub fn start(&mut self, process: Process, remaining_s: Option<f64>, now: Nanos) -> anyhow::Result<()> {
         let child = self.spawn(process, remaining_s, 0, &[])?;
         let slot = self.slot(process, now);
@@ -127,7 +128,7 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Expects a program of another maker, which comes and goes as it likes.
+    /// Adds an external driver, which may connect and disconnect at any time.
     pub fn expect(&mut self, driver: Process, now: Nanos) {
         let slot = self.slot(driver, now);
         self.slots.push(Slot { presence: Some(Presence::default()), ..slot });
@@ -170,7 +171,7 @@ impl Supervisor {
                 let niceness = if realtime_allowed() { NICE_BESIDE_REALTIME } else { NICE_BESIDE_USUAL };
                 args.extend(["--niceness".into(), niceness.to_string()]);
             }
-            // A field must not wait for a time slice of the renderer's to end.
+            // A field must not wait for the end of the renderer's time slice.
             _ => surroundings.realtime = true,
         }
         if process == Process::VirtualRig {
@@ -185,12 +186,12 @@ impl Supervisor {
         Child::spawn(process, &self.args.instance, &args, &surroundings)
     }
 
-    /// True once every started process is at work.
+    /// True once every started process is ready.
     pub fn all_ready(&self) -> bool {
         self.ours().all(|s| s.ready && s.child.is_some())
     }
 
-    /// True once every started process is working and the standby is ready.
+    /// True once every started process is ready and the standby renderer is prepared, if one is used.
     pub fn all_prepared(&self, now: Nanos) -> bool {
         let renderer = self.slots.iter().find(|s| s.process == Process::Renderer);
         let waited = renderer.map_or(0, |s| now.saturating_sub(s.ready_at));
@@ -198,7 +199,7 @@ impl Supervisor {
         self.all_ready() && (needs_none || self.standby.is_prepared())
     }
 
-    /// The processes that the launcher has started.
+    /// The processes that the launcher starts.
     fn ours(&self) -> impl Iterator<Item = &Slot> {
         self.slots.iter().filter(|s| s.presence.is_none())
     }
@@ -210,7 +211,7 @@ impl Supervisor {
         late.map(|s| s.process.name()).chain(standby).collect()
     }
 
-    /// Takes a heartbeat.
+    /// Adds a heartbeat. Returns a change in the state of its process.
     pub fn note(&mut self, beat: &Health, now: Nanos) -> Option<ProcessEvent> {
         let is_it = |s: &&mut Slot| match &s.presence {
             Some(_) => s.process as u32 == beat.process,
@@ -218,7 +219,7 @@ impl Supervisor {
         };
         let slot = self.slots.iter_mut().find(is_it)?;
         if let Some(presence) = &mut slot.presence {
-            // A successor that started within a moment starts again.
+            // A new process of a driver that appears before the old one was missed must become ready again.
             slot.ready &= !presence.note(beat, now);
         }
         slot.health = Some(*beat);
@@ -241,7 +242,7 @@ impl Supervisor {
         first.then_some(ProcessEvent::Ready(process))
     }
 
-    /// Problems reported by cameras that read pipes.
+    /// Problem that cameras with streams of pictures report.
     pub fn trouble_of_streams(&self) -> Option<Finding> {
         self.args.real.streams()?;
         let source = self.slots.iter().find(|s| s.process == self.args.source());
@@ -254,7 +255,7 @@ impl Supervisor {
         })
     }
 
-    /// Problems reported by a real pedal and real handles.
+    /// Problem that a real pedal or real handles report.
     pub fn trouble_of_controls(&self) -> Option<Finding> {
         let controls = self.slots.iter().find(|s| s.process == Process::Controls)?;
         let health = controls.health.filter(|h| h.state == STATE_DEGRADED)?;
@@ -262,12 +263,12 @@ impl Supervisor {
             what: health.text(),
             cause: "the device, its cable, or the writer of its pipe; the run continues without it".into(),
             remedy: "check it with vitreo pedal or vitreo handles; it resumes by itself".into(),
-            // A different problem is reported again.
+            // With another subject, a different problem is reported again.
             subject: format!("pedal and handles: {}", health.text()),
         })
     }
 
-    /// What the tracker refuses or withholds, in its words.
+    /// Problem that the tracker reports: fields that it refuses or frames that it withholds.
     pub fn trouble_of_tracker(&self) -> Option<Finding> {
         let tracker = self.slots.iter().find(|s| s.process == Process::Tracker)?;
         let health = tracker.health.filter(|h| h.state == STATE_DEGRADED)?;
@@ -279,15 +280,15 @@ impl Supervisor {
         })
     }
 
-    /// How often a process was restarted.
+    /// Number of restarts of a process.
     pub fn restarts_of(&self, process: Process) -> u32 {
         self.slots.iter().find(|s| s.process == process).map_or(0, |s| s.restarts)
     }
 
-    /// Finds the processes that have ended or are silent, and plans their restarts.
+    /// Finds processes that have died, hung or disconnected, and plans the restarts.
     ///
     /// # Errors
-    /// Where a process does not start or dies too often.
+    /// If a process does not start or dies too often.
     pub async fn find_dead(&mut self, now: Nanos) -> anyhow::Result<Vec<ProcessEvent>> {
         let slept = self.last_check_ns > 0 && now.saturating_sub(self.last_check_ns) > OWN_SLEEP_NS;
         self.last_check_ns = now;
@@ -315,7 +316,7 @@ impl Supervisor {
                 bail!(WrongUse(start_failure(slot.process, &end.how)));
             }
             let due = slot.may_restart(now, &end.how)?;
-            // One that waits has nothing left to fail at.
+            // A standby has already started, so there is no reason to delay its promotion.
             let waits = slot.process == Process::Renderer && self.standby.waits();
             slot.restart_at = Some(if waits { now } else { due });
             slot.restarts += 1;
@@ -325,11 +326,11 @@ impl Supervisor {
         Ok(events)
     }
 
-    /// Restarts the processes that are due. `restart_arguments` gives the further arguments of a process,
-    /// which was at work when it died or was not.
+    /// Restarts the processes that are due. `restart_arguments` returns additional arguments for a process,
+    /// given whether it had been ready when it died.
     ///
     /// # Errors
-    /// Where a binary is absent or cannot be run.
+    /// If a program is missing or cannot be started.
     pub fn restart_due(
         &mut self,
         now: Nanos,
@@ -354,28 +355,28 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Has a renderer wait to take over, once the one at work has found its pace.
+    /// Prepares a standby renderer, if one is needed and the renderer is working.
     pub fn keep_standby(&mut self, now: Nanos) {
         let renderer = self.slots.iter().find(|s| s.process == Process::Renderer);
         let Some(renderer) = renderer.filter(|_| self.view == View::Headless) else { return };
         let (at_work, restarts) = (renderer.ready && renderer.child.is_some(), renderer.restarts);
         if self.standby.is_wanted(now, at_work) {
-            // Without one a restart only takes longer.
+            // A failure is ignored: without a standby, a restart only takes longer.
             let child = self.spawn(Process::Renderer, None, restarts + 1, &[standby::OPTION.into()]);
             self.standby.set(child.ok());
         }
     }
 
-    /// Sends a request; returns its number, which its answers carry.
+    /// Sends a request. Returns its sequence number, which the answers repeat.
     pub fn ask(&mut self, target: u32, command: Command, argument: u64) -> u64 {
         let seq = self.requests_sent;
         self.requests_sent += 1;
-        // A process that misses it does not answer, or is ended by signal.
+        // A process that misses the request does not answer, or is ended by a signal.
         let _ = self.requests.send(&Request { seq, argument, target, command: command as u32 });
         seq
     }
 
-    /// Ends every process in order.
+    /// Ends all processes in order.
     pub async fn end(&mut self) -> Ends {
         self.standby = Standby::default();
         let children: Vec<Child> = self.slots.iter_mut().filter_map(|s| s.child.take()).collect();
@@ -388,26 +389,26 @@ impl Supervisor {
     }
 }
 
-/// Of processes that were to end in order, those that did not, in words.
+/// Processes that did not end as requested, as text.
 pub struct Ends {
-    /// Had to be killed.
+    /// Processes that had to be killed.
     pub killed: Vec<String>,
-    /// Ended with an error.
+    /// Processes that ended with an error.
     pub failed: Vec<String>,
 }
 
 /// How a process ended.
 struct End {
-    /// By itself, with success.
+    /// True if it exited with code 0.
     orderly: bool,
-    /// Its exit code, if it has one.
+    /// Exit code, if there is one.
     code: Option<i32>,
-    /// For a person, with its last lines.
+    /// Text for error messages, with the last lines of the process.
     how: String,
 }
 
 impl Slot {
-    /// How the process ended, if it has; one that hangs is killed first.
+    /// How the process ended; `None` if it runs. A process that hangs is killed first.
     async fn end(&mut self, now: Nanos) -> Option<End> {
         let child = self.child.as_ref()?;
         if let Some(status) = child.exited() {
@@ -425,7 +426,7 @@ impl Slot {
         Some(End { orderly: false, code: None, how })
     }
 
-    /// When it is started again. Fails where that would not help: the process never worked, or dies
+    /// Time of the restart, ns. An error if a restart would not help: the process was never ready, or dies
     /// too often.
     fn may_restart(&mut self, now: Nanos, how: &str) -> anyhow::Result<Nanos> {
         ensure!(self.was_ready, "{}", start_failure(self.process, how));
@@ -439,10 +440,10 @@ impl Slot {
     }
 }
 
-/// Words that only the renderer's messages about adapters and drivers contain.
+/// Phrases that only the renderer's messages about adapters and drivers contain.
 const GRAPHICS: [&str; 2] = ["graphics driver", "graphics device"];
 
-/// Why a process did not start, and what helps.
+/// Message about a process that did not start, with a remedy if one is known.
 fn start_failure(process: Process, how: &str) -> String {
     let hint = match process {
         Process::Renderer if GRAPHICS.iter().any(|word| how.contains(word)) => {
@@ -455,9 +456,9 @@ fn start_failure(process: Process, how: &str) -> String {
     format!("the {} did not start: {how}{hint}", process.name())
 }
 
-/// Threads of Mesa's software renderer. Where tracker and simulation are real-time processes they
-/// take a core whenever they need one, and the picture may use them all (with half of them it takes
-/// half as long again: `docs/gpu.md`); else one stays free.
+/// Number of threads of Mesa's software renderer. If tracker and simulation are real-time processes, they get
+/// a processor whenever they need one, so the picture can use all processors (with half of them it takes 1.5
+/// times as long, `docs/gpu.md`); otherwise one processor stays free.
 fn software_threads(others_are_realtime: bool) -> usize {
     let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
     if others_are_realtime { cores } else { cores.saturating_sub(1).max(1) }

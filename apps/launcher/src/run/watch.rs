@@ -1,28 +1,31 @@
-//! Problems of a run besides tracking: missing inputs, a slow picture. Pure.
+//! Problems of a run besides those of tracking: missing inputs, a slow picture. Pure.
 
 use super::delivery::unheard;
 use super::monitor::Monitor;
 use super::options::RunArgs;
 use diagnosis::{Finding, Tracking};
+use protocol::frames::FrameRecord;
+use protocol::handles::{HandleState, PedalState};
+use protocol::message::Message;
+use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
 
-/// Time after the start within which a handle or pedal must have come, ns.
+/// Time after the start by which messages of handles and pedal must have arrived, ns.
 const INPUT_NS: u64 = 3_000_000_000;
-/// Index of the poses in [`CHANNELS`](super::monitor::CHANNELS).
-const POSES: usize = 3;
-/// Stereo frames a second that are asked for: the paper's display shows 85 pictures a second, one
-/// channel after the other.
+/// Requested rate of stereo frames, Hz: the paper's display shows 85 pictures per second, alternating the
+/// channels.
 const ASKED_HZ: f64 = 42.5;
 /// Share of the requested rate below which the picture is reported as slow.
 const SLOW_SHARE: f64 = 0.8;
 
-/// What is wrong with a run in the newest period, `since_ns` after its start.
+/// Problems of a run in the last period, `since_ns` after its start, ns.
 pub fn findings(args: &RunArgs, tracking: &Tracking, monitor: &Monitor, since_ns: Nanos) -> Vec<Finding> {
-    // At a desk, or where poses come from outside, nothing is tracked.
+    // Nothing is tracked at a desk, or if another tracker delivers the poses.
     let mut found = if args.is_tracked() { tracking.findings().to_vec() } else { Vec::new() };
-    found.extend(unheard(args, monitor.traffic[POSES].count, since_ns));
+    found.extend(unheard(args, monitor.traffic_of(TrackerFrame::CHANNEL).count, since_ns));
     if since_ns >= INPUT_NS {
-        // A recorded stream brings blobs alone, another tracker poses, and a driver what it says.
+        // A recorded stream contains only blobs and another tracker sends only poses, so neither handles nor
+        // pedal is expected; an external driver reports its own problems.
         let outside = args.real.external.is_some() || args.real.poses.is_some();
         let alone = args.virtual_rig.blobs.is_some() || outside;
         found.extend(missing_inputs(monitor).filter(|_| !alone));
@@ -31,20 +34,20 @@ pub fn findings(args: &RunArgs, tracking: &Tracking, monitor: &Monitor, since_ns
     found
 }
 
-/// Adds what cameras say of themselves, in place of what was found out about the same cameras.
-pub fn say_for_themselves(trouble: Finding, found: &mut Vec<Finding>) {
-    let is_told = |camera: &str| trouble.what.contains(&format!("{camera} "));
-    found.retain(|f| !f.camera_without_picture().is_some_and(is_told));
+/// Replaces findings about cameras without a picture by the problem that the cameras report themselves.
+pub fn replace_by_own_report(trouble: Finding, found: &mut Vec<Finding>) {
+    let is_reported = |camera: &str| trouble.what.contains(&format!("{camera} "));
+    found.retain(|f| !f.camera_without_picture().is_some_and(is_reported));
     found.push(trouble);
 }
 
 fn missing_inputs(monitor: &Monitor) -> impl Iterator<Item = Finding> {
     let expected = [
-        (1, "handles", "jaws, cutter and light keep their state"),
-        (2, "pedal", "suction, cutting and the microscope keep their state"),
+        (HandleState::CHANNEL, "jaws, cutter and light keep their state"),
+        (PedalState::CHANNEL, "suction, cutting and the microscope keep their state"),
     ];
-    expected.into_iter().filter(|(channel, ..)| monitor.traffic[*channel].count == 0).map(
-        |(_, name, effect)| Finding {
+    expected.into_iter().filter(|(channel, _)| monitor.traffic_of(channel).count == 0).map(
+        |(name, effect)| Finding {
             what: format!("no message on channel {name}"),
             cause: format!("its driver does not run, so {effect}"),
             remedy: "start the driver, or run vitreo doctor".into(),
@@ -54,7 +57,7 @@ fn missing_inputs(monitor: &Monitor) -> impl Iterator<Item = Finding> {
 }
 
 fn slow_picture(monitor: &Monitor) -> Option<Finding> {
-    let (frame, rate) = (monitor.frame?, monitor.traffic[5].rate_hz);
+    let (frame, rate) = (monitor.frame?, monitor.traffic_of(FrameRecord::CHANNEL).rate_hz);
     (rate < SLOW_SHARE * ASKED_HZ).then(|| Finding {
         what: format!("the picture runs at {rate:.0} Hz instead of {ASKED_HZ} Hz"),
         cause: format!(
@@ -70,12 +73,11 @@ fn slow_picture(monitor: &Monitor) -> Option<Finding> {
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
-    use protocol::frames::FrameRecord;
     use recording::Item;
     use rig::Rig;
 
     #[test]
-    fn a_camera_that_says_what_is_wrong_is_told_of_once() {
+    fn a_camera_that_says_what_is_wrong_is_reported_of_once() {
         let finding = |what: &str, subject: &str| {
             let [what, subject] = [what, subject].map(String::from);
             Finding { what, cause: String::new(), remedy: String::new(), subject }
@@ -88,7 +90,7 @@ mod tests {
         ];
         let trouble =
             finding("camera 1 was closed by its writer; camera 2 delivers only black pictures", "cameras");
-        say_for_themselves(trouble, &mut found);
+        replace_by_own_report(trouble, &mut found);
         let subjects: Vec<&str> = found.iter().map(|f| &*f.subject).collect();
         assert_eq!(subjects, ["fields of camera 11", "place of camera 1", "cameras"]);
     }

@@ -1,4 +1,4 @@
-//! Checks of the command line.
+//! Tests of the command line of `vitreo run`.
 
 use super::*;
 use clap::Parser;
@@ -123,7 +123,7 @@ fn real_cameras_take_the_place_of_script_and_rig() {
     let invented = parse(&["--cameras", "virtual", "--rig", "r.json"]).unwrap();
     assert!(invented.is_scripted() && given(&invented).contains("--seed 1 --duration 9"));
     assert!(parse(&["--cameras", "y4m:a,b", "--rig", "r.json"]).is_err());
-    // No length of a script ends the attempt of a person.
+    // A script's length must not end the attempt of a person.
     let of_module = parse(&["--module", "navigation", "--cameras", "driver", "--rig", "r.json"]).unwrap();
     let composed = Composed::new("navigation", 1, "expert", 1).unwrap();
     assert_eq!(of_module.with_scene_of(Some(&composed)).duration, None);

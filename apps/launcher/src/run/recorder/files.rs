@@ -1,4 +1,4 @@
-//! The files of a recording while it is written: one, or its parts.
+//! The files of a recording in progress: a single file, or its parts.
 
 use anyhow::Context;
 use outputs::{GrowingFile, Outputs};
@@ -9,11 +9,11 @@ use settings::commands::{Split, WritingArgs};
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-/// Destination of a recording. Only its owner may read it, because trainees' attempts are private.
+/// Files of a recording. Only their owner may read them, because trainees' attempts are private.
 pub struct RecordingFiles {
-    /// Requested name: the file, or the stem of the parts.
+    /// Requested name, which is that of the file, or the stem of the parts' names.
     name: PathBuf,
-    /// The file, or the first part.
+    /// The single file, or the first part.
     first: GrowingFile,
     packing: Packing,
     limit: Option<Limit>,
@@ -23,7 +23,7 @@ pub struct RecordingFiles {
 /// Checks that a recording may be written, without beginning it.
 ///
 /// # Errors
-/// Where it, or a part of it, exists or is read.
+/// If the recording or a part of it exists (without `--force`) or is an input.
 pub fn claim(name: &Path, writing: &WritingArgs, outputs: &mut Outputs) -> anyhow::Result<()> {
     outputs.claim(name)?;
     if writing.split.is_none() {
@@ -37,10 +37,10 @@ pub fn claim(name: &Path, writing: &WritingArgs, outputs: &mut Outputs) -> anyho
 }
 
 impl RecordingFiles {
-    /// Begins the file, or the first part, which [`RecordingFiles::appear`] gives its name.
+    /// Begins the file, or the first part. It gets its name with [`RecordingFiles::appear`].
     ///
     /// # Errors
-    /// Where it exists, or cannot be made.
+    /// If the file exists (without `--force`), or cannot be created.
     pub fn begin(name: &Path, writing: &WritingArgs, outputs: &mut Outputs) -> anyhow::Result<Self> {
         let limit = writing.split.map(limit_of);
         let first = if limit.is_some() { part_file(name, 1) } else { name.into() };
@@ -55,15 +55,15 @@ impl RecordingFiles {
         &self.name
     }
 
-    /// True if it is written in parts.
+    /// True if the recording is split into parts.
     pub fn is_split(&self) -> bool {
         self.limit.is_some()
     }
 
-    /// Writes the one file.
+    /// Writer of the single file.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If the file cannot be written.
     pub fn writer(&self, provenance: &Provenance) -> anyhow::Result<Writer> {
         Ok(Writer::packed(self.first.handle()?, self.first.path(), provenance, self.packing)?)
     }
@@ -71,7 +71,7 @@ impl RecordingFiles {
     /// Writer of the parts; `None` for a single file.
     ///
     /// # Errors
-    /// Where the first one cannot be written.
+    /// If the first part cannot be written.
     pub fn parts_writer(&self, provenance: &Provenance) -> anyhow::Result<Option<PartsWriter>> {
         let Some(limit) = self.limit else { return Ok(None) };
         let files = Box::new(Further { first: self.first.path().into(), force: self.force, file: None });
@@ -79,11 +79,11 @@ impl RecordingFiles {
         Ok(Some(PartsWriter::begin(&self.name, first, provenance, self.packing, limit, files)?))
     }
 
-    /// Gives the file its name: what it records has begun. Parts of a recording of that name, which is written
-    /// over, are removed: they would be taken for parts of this one.
+    /// Gives the file its name, once the recorded run has begun. If an older recording of that name is
+    /// overwritten, its parts are removed, because they would be taken for parts of the new one.
     ///
     /// # Errors
-    /// Where the name was taken meanwhile, or an old part cannot be removed.
+    /// If a file of that name was created in the meantime, or an old part cannot be removed.
     pub fn appear(&mut self) -> anyhow::Result<()> {
         if self.force && self.is_split() {
             let old = parts_of(&self.name).into_iter().filter(|part| part != self.first.path());
@@ -96,7 +96,7 @@ impl RecordingFiles {
     }
 }
 
-/// A length or size as the writer takes it.
+/// Converts length or size of the parts to the writer's type.
 fn limit_of(split: Split) -> Limit {
     match split {
         Split::Seconds(seconds) => Limit::Time((seconds * 1e9) as u64),
@@ -104,12 +104,12 @@ fn limit_of(split: Split) -> Limit {
     }
 }
 
-/// Creates further parts during a run.
+/// Creates the second and further parts during a run.
 struct Further {
-    /// The first part, which has its name once the run has begun.
+    /// Path of the first part, which exists once the run has begun.
     first: PathBuf,
     force: bool,
-    /// The part that has no name yet.
+    /// A part that has not got its name yet.
     file: Option<GrowingFile>,
 }
 
@@ -134,7 +134,7 @@ impl PartFiles for Further {
     }
 
     fn appear(&mut self, path: &Path) -> Result<(), RecordingError> {
-        // The lock lasts while the writer has the file open.
+        // The file stays locked while the writer has it open.
         let named = self.file.take().map_or(Ok(()), |mut file| file.appear());
         named.map_err(|problem| Self::refused(path, problem))
     }

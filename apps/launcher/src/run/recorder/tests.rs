@@ -1,4 +1,4 @@
-//! Slow, full and hung disks under a recorder.
+//! Tests of the recorder on slow, full and hung disks.
 
 use super::*;
 use bytemuck::Zeroable;
@@ -7,7 +7,7 @@ use protocol::handles::PedalState;
 use settings::commands::WritingArgs;
 use std::sync::mpsc;
 
-/// Waits at each item for leave to go on, and keeps what it was given.
+/// A store that waits for leave at each item, and keeps the items.
 struct Slow {
     leave: mpsc::Receiver<()>,
     kept: Arc<Mutex<Disk>>,
@@ -100,7 +100,7 @@ async fn a_slow_disk_blocks_nobody_and_the_gap_is_noted() {
     assert_eq!(kept.items.len() as u64, figures.items);
 }
 
-/// Waits until the recorder has reported a problem, or has none any more.
+/// Waits until the recorder reports a problem, or none any more.
 fn await_problem(recorder: &Recorder, expected: bool) -> String {
     loop {
         let problem = recorder.problem();
@@ -117,7 +117,7 @@ async fn after_a_full_disk_the_recording_goes_on_and_says_so() {
     drop(go);
     (0..3).for_each(|seq| recorder.offer(seq, pedal(seq)));
     assert_eq!(await_problem(&recorder, true), "the disk is full: /d/f");
-    // The queue holds four, the rest is lost.
+    // The queue holds four items; the others are lost.
     (3..10).for_each(|seq| recorder.offer(seq, pedal(seq)));
     assert_eq!(recorder.lost(), 3);
     kept.lock().unwrap().room = usize::MAX;
@@ -153,7 +153,7 @@ async fn a_write_that_never_returns_is_not_waited_for() {
     assert!(await_problem(&recorder, true).starts_with("blocked in writing /dev/null for "));
     let begun = Instant::now();
     let figures = recorder.finish().await;
-    // A run of five seconds' end has two for the rest.
+    // A run must end within 5 s, of which other tasks need two.
     assert!(begun.elapsed() < Duration::from_secs(5));
     let problem = figures.problem.unwrap();
     assert!(problem.contains("did not finish: blocked in writing /dev/null for "), "{problem}");

@@ -1,27 +1,27 @@
-//! The paper's Table 4 (Wagner, Schill, Männer 2002, section 4.6; 1,000 triangles, 1,500 springs)
-//! with the medians of a run. Pure.
+//! The paper's Table 4 (Wagner, Schill, Männer 2002, section 4.6; 1,000 triangles, 1,500 springs) with the
+//! medians of a run. Pure.
 
 use crate::run::latency_stats::{Durations, LatencyStats};
 use serde::Serialize;
 use std::fmt::Write;
 
-/// One line of the paper's Table 4 beside today's median, ms.
+/// A line of the table: the paper's figure and the median of this run, ms.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PaperLine {
-    /// The timed part.
+    /// Name of the measured part.
     pub task: &'static str,
-    /// The paper's figure, ms; lines with `None` are not in the sum.
+    /// The paper's figure, ms; `None` for lines that are not in the sum.
     pub paper_ms: Option<f64>,
-    /// Median of this run, ms; `None` where nothing was measured.
+    /// Median of this run, ms; `None` if nothing was measured.
     pub today_ms: Option<f64>,
-    /// Steps or frames that the median is of; 0 for the sum.
+    /// Number of steps or frames in the median; 0 for the sum.
     pub count: u64,
-    /// Meaning of the figure, or what it lacks.
+    /// What the figure includes, or what the sum lacks.
     pub note: String,
 }
 
-/// The table. "Overall" is the sum of the lines above it, as in the paper, and names those that were not
-/// measured. Rows without a counterpart in the paper follow below.
+/// Computes the table. "Overall" is the sum of the lines above it, as in the paper; its note names the lines
+/// without a measurement. A line without a counterpart in the paper follows it.
 pub fn paper_table_4(latencies: &LatencyStats) -> Vec<PaperLine> {
     let line = |task, paper_ms, d: &Durations, note: &str| PaperLine {
         task,
@@ -56,7 +56,7 @@ fn overall(lines: &[PaperLine]) -> PaperLine {
     PaperLine { task: "overall", paper_ms: Some(22.0), today_ms, count: 0, note }
 }
 
-/// Writes the table for a person.
+/// Writes the table as text.
 pub(super) fn write(lines: &[PaperLine], out: &mut String) -> std::fmt::Result {
     writeln!(out, "\nTable 4 of the paper, ms        2002   today (median)   count")?;
     for line in lines {
@@ -147,7 +147,8 @@ mod tests {
         near(lines[5].today_ms, 0.25);
         let mut text = String::new();
         write(&lines, &mut text).unwrap();
-        // Three lines without figure and count, one that the paper has no figure for, and a sum, which has no count.
+        // A dash for the figure and count of three unmeasured lines, for the paper's figure of one line, and
+        // for the count of the sum.
         assert_eq!(text.matches('–').count(), 8, "{text}");
         assert!(paper_table_4(&LatencyStats::default()).iter().all(|l| l.today_ms.is_none()));
     }

@@ -1,4 +1,4 @@
-//! Tests of the report of a run.
+//! Tests of the report.
 
 use super::*;
 use bytemuck::Zeroable;

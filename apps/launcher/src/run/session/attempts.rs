@@ -1,4 +1,4 @@
-//! Pause, restart and next level of a run. Each attempt has its own recording.
+//! Pause, restart and next level. Each attempt has its own recording.
 
 use super::{Attempt, CommandProgress, Session};
 use crate::run::OutputArgs;
@@ -19,21 +19,21 @@ use protocol::time::Nanos;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// How long processes may take to answer a command before the launcher continues without them. A new scene's
-/// tissue takes a second on a slow machine.
+/// Timeout for the processes to execute a command, after which the launcher continues without them. Creating
+/// the tissue of a new scene takes a second on a slow machine.
 const OBEY: Duration = Duration::from_secs(15);
 
-/// The help on the picture, as its keys opened and closed it. This is the only copy of the state: the
-/// renderer shows what it receives.
+/// State of the help over the picture. This is the only copy of the state: the renderer shows what it is
+/// sent.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct HelpState {
     open: bool,
-    /// It is why the session is paused.
+    /// True if the session is paused because of the help.
     pauses: bool,
 }
 
 impl Session<'_> {
-    /// Takes in requests, and the answers of processes.
+    /// Receives requests, and answers of processes.
     pub(super) fn receive_requests(&mut self) -> anyhow::Result<()> {
         while let Some(event) = self.tap.inputs.next_valid()? {
             self.control.note_input(&event);
@@ -63,12 +63,12 @@ impl Session<'_> {
         Ok(self.answers.send(&Answer { seq, process: LAUNCHER, result: u32::from(done.is_err()), text })?)
     }
 
-    /// Serves the requests; returns why the run is to end, if it is.
+    /// Serves the queued requests. Returns why the run must end, if it must.
     pub(super) async fn serve_requests(&mut self) -> anyhow::Result<Option<&'static str>> {
         while let Some(PendingRequest { request, seq }) = self.control.take() {
             let done = match (request, self.paused_ns) {
                 (ControlRequest::Help, _) => self.help().await,
-                // A pause requested while help is open lasts beyond it.
+                // A pause that is requested while the help is open continues after the help is closed.
                 (ControlRequest::Pause | ControlRequest::PauseOrResume, Some(_)) if self.help.pauses => {
                     self.help.pauses = false;
                     Ok(())
@@ -99,7 +99,7 @@ impl Session<'_> {
 
     async fn pause(&mut self) -> anyhow::Result<()> {
         self.paused_ns = Some(now());
-        // Pictures drawn during a pause are as old as the pause.
+        // Pictures drawn during a pause are as old as the pause, so their latencies are not counted.
         self.consumers.latencies.cool();
         self.command_all(Command::Pause, 0).await
     }
@@ -113,10 +113,10 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Help was opened, which stops time, or closed, which resumes it.
+    /// Opens the help and pauses, or closes the help and resumes.
     async fn help(&mut self) -> anyhow::Result<()> {
         self.help.open = !self.help.open;
-        self.tell_help();
+        self.send_help_state();
         match (self.help.open, self.paused_ns) {
             (true, None) => {
                 self.help.pauses = true;
@@ -127,14 +127,14 @@ impl Session<'_> {
         }
     }
 
-    /// Lets the renderer show or hide the help.
-    fn tell_help(&mut self) {
+    /// Sends the state of the help to the renderer.
+    fn send_help_state(&mut self) {
         self.supervisor.ask(Process::Renderer as u32, Command::Help, u64::from(self.help.open));
     }
 
     /// Sends the current state (help, pause) to a renderer that has just started.
-    pub(super) fn tell_renderer(&mut self) {
-        self.tell_help();
+    pub(super) fn send_state_to_renderer(&mut self) {
+        self.send_help_state();
         if self.paused_ns.is_some() {
             self.supervisor.ask(Process::Renderer as u32, Command::Pause, 0);
         }
@@ -144,7 +144,7 @@ impl Session<'_> {
         let Some(composed) = &mut self.composed else {
             bail!("there is no next level: no module is trained (--module)");
         };
-        // A duration given on the command line stays.
+        // A duration given on the command line remains unchanged.
         let scripted = self.args.duration == Some(self.args.attempt_s(composed));
         let level = composed.next_level()?;
         if scripted {
@@ -153,12 +153,12 @@ impl Session<'_> {
         self.begin_again(Command::Load, level).await
     }
 
-    /// Ends the attempt and begins the next, of `level`: everything stands still, so that no
-    /// message belongs to both.
+    /// Ends the attempt and begins the next one, at level `level`. Everything is paused meanwhile, so that no
+    /// message belongs to both attempts.
     async fn begin_again(&mut self, command: Command, level: u32) -> anyhow::Result<()> {
         self.consumers.latencies.cool();
         (self.paused_ns, self.help) = (Some(now()), HelpState::default());
-        self.tell_help();
+        self.send_help_state();
         self.command_all(Command::Pause, 0).await?;
         self.end_attempt().await;
         let number = self.attempts.len() as u32;
@@ -177,7 +177,7 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// A recorder of the attempt that begins.
+    /// Creates the recorder of the attempt that begins.
     fn recorder_of_attempt(&self) -> anyhow::Result<Option<Recorder>> {
         let Some(file) = &self.args.outputs.record else { return Ok(None) };
         let OutputArgs { writing, force, .. } = &self.args.outputs;
@@ -187,7 +187,7 @@ impl Session<'_> {
         Ok(Some(recorder))
     }
 
-    /// Ends the recording of the attempt and stores its results.
+    /// Ends the recording of the attempt and stores the attempt's results.
     pub(super) async fn end_attempt(&mut self) -> Option<RecordingFigures> {
         let recording = match self.consumers.recorder.take() {
             Some(recorder) => Some(recorder.finish().await),
@@ -200,11 +200,11 @@ impl Session<'_> {
         recording
     }
 
-    /// Sends a command to every process and waits until those that move the eye have obeyed.
+    /// Sends a command to every process and waits until source, trackers and simulation have executed it.
     async fn command_all(&mut self, command: Command, argument: u64) -> anyhow::Result<()> {
         let seq = self.supervisor.ask(EVERY_PROCESS, command, argument);
         let trackers = self.args.trackers().iter().copied();
-        // Real cameras see what there is, whatever the simulation does.
+        // Real cameras continue to deliver pictures and execute no commands.
         let real = self.args.real.given().is_some() || self.args.real.driver().is_some();
         let source = (!real).then(|| self.args.source());
         let obeying = source.into_iter().chain([Process::Simcore]).chain(trackers);
@@ -214,7 +214,7 @@ impl Session<'_> {
         while !self.command.waiting.is_empty() && Instant::now() < deadline && !self.stop.is_raised() {
             self.turn().await?;
         }
-        // Messages sent before the last answer.
+        // Receives the messages that were sent before the last answer.
         self.receive()?;
         if let Some(problem) = self.command.problems.first() {
             bail!("{command:?}: {problem}");

@@ -1,4 +1,4 @@
-//! The end of a run: stops processes and recording, and sums up the figures.
+//! The end of a run: ends the processes and the recording, and computes the report.
 
 use super::{Attempt, Session};
 use crate::children::realtime_allowed;
@@ -27,16 +27,16 @@ use std::collections::BTreeMap;
 
 /// Results of a run.
 pub struct Closed {
-    /// Its figures.
+    /// Report with all figures.
     pub report: Report,
-    /// Its attempts.
+    /// All attempts.
     pub attempts: Vec<Attempt>,
-    /// What its processes did, if that was wanted.
+    /// Trace of the fields, if requested.
     pub trace: Option<FieldTrace>,
 }
 
 impl Session<'_> {
-    /// Ends the processes and the recording, and sums up.
+    /// Ends the processes and the recording, and computes the report.
     pub async fn close(mut self, ended_by: String) -> Closed {
         let at = now();
         self.note_own_cpu(at);
@@ -45,7 +45,7 @@ impl Session<'_> {
         for what in ends.killed.into_iter().chain(ends.failed.iter().cloned()) {
             self.incidents.push(Incident { at_s: self.elapsed_s(at), what });
         }
-        // Messages sent during shutdown; a channel that fails now has none left.
+        // Receives the messages that were sent during the shutdown. A channel that fails now has none left.
         let _ = self.receive();
         let recording = self.end_attempt().await;
         let slots = &self.supervisor.slots;
@@ -100,17 +100,17 @@ impl Session<'_> {
         [self.consumers.watch.warnings(), &self.consumers.silence.of_stream()].concat()
     }
 
-    /// Processors that all processes of the run together took on the average.
+    /// Average number of processors that all processes of the run used together.
     fn own_cores(&self) -> f64 {
         self.own_cpu.share() + self.supervisor.slots.iter().map(|s| s.cpu.share()).sum::<f64>()
     }
 
-    /// Blocks that should have been and did not come, by channel.
+    /// Number of missing blocks by channel.
     fn lost(&self) -> BTreeMap<&'static str, u64> {
         let (mut lost, due) = (self.tap.lost(), self.consumers.tracking.due());
         let unpublished =
             [(BlobField::CHANNEL, due.fields_skipped()), (TrackerFrame::CHANNEL, due.frames_missing())];
-        // Overwritten messages are missing in the count of received ones, too.
+        // Overwritten messages are missing in the count of received messages as well.
         for (channel, count) in unpublished.into_iter().filter(|(_, count)| *count > 0) {
             let known = lost.entry(channel).or_default();
             *known = count.max(*known);
@@ -118,7 +118,7 @@ impl Session<'_> {
         lost
     }
 
-    /// How the pictures of live streams came; empty without any.
+    /// Delivery of the pictures of live streams; empty if there are none.
     fn deliveries(&self) -> Vec<Delivery> {
         let file = self.instance.directory().join(DELIVERIES_FILE);
         let left = self.args.real.streams().and_then(|_| read_text(&file, MAX_SETTINGS_BYTES).ok());

@@ -1,4 +1,4 @@
-//! Restarts of dead processes: their arguments, and the report.
+//! Restarts of dead processes: their arguments, and the reports about them.
 
 use super::Session;
 use crate::run::report::Incident;
@@ -10,10 +10,10 @@ use protocol::health::Process;
 use protocol::time::Nanos;
 use recording::{Note, NoteKind};
 
-/// Reported when the simulation could not resume.
+/// Message if the simulation could not resume.
 const STATE_LOST: &str = "simcore restarts from its scene: the state of the eye is lost";
 
-/// Goals of the task that are reached, a bit for each: a restarted surgeon has not seen it.
+/// Reached goals of the task, one bit each, for a restarted surgeon, which has not received the events.
 #[derive(Debug, Default)]
 pub(super) struct GoalsReached(u64);
 
@@ -28,8 +28,8 @@ impl GoalsReached {
 }
 
 impl Session<'_> {
-    /// Finds dead processes, restarts those that are due, and passes the journal to a simulation. Everything
-    /// that a dead process sent has been taken in before its successor starts.
+    /// Finds dead processes, restarts those that are due, and writes the journal for a simulation that has
+    /// joined. All messages of a dead process have been received before its successor starts.
     pub(super) async fn supervise(&mut self, events: &mut Vec<ProcessEvent>) -> anyhow::Result<()> {
         let died = self.supervisor.find_dead(now()).await?;
         if !died.is_empty() {
@@ -37,7 +37,8 @@ impl Session<'_> {
             events.extend(died);
         }
         if events.contains(&ProcessEvent::Joined(Process::Simcore)) {
-            // Messages sent before it opened its channels; it receives later ones itself.
+            // Receives the messages that were sent before the simulation opened its channels; it receives
+            // later ones itself.
             events.extend(self.receive()?);
             if let Err(error) = self.consumers.resume.serve() {
                 self.screen.print(&format!("the journal of the simulation cannot be written: {error}"));
@@ -45,12 +46,12 @@ impl Session<'_> {
         }
         let lost_before = self.states_lost;
         if events.contains(&ProcessEvent::Ready(Process::Renderer)) {
-            self.tell_renderer();
+            self.send_state_to_renderer();
         }
         self.restart_due()?;
         self.supervisor.keep_standby(now());
         if self.states_lost > lost_before {
-            self.tell_lost_state(now());
+            self.report_lost_state(now());
         }
         Ok(())
     }
@@ -81,18 +82,18 @@ impl Session<'_> {
         })
     }
 
-    fn tell_lost_state(&mut self, at: Nanos) {
+    fn report_lost_state(&mut self, at: Nanos) {
         self.screen.print(STATE_LOST);
         self.consumers.record_note(Note::loss(at, 1, STATE_LOST.into()));
         self.incidents.push(Incident { at_s: self.elapsed_s(at), what: STATE_LOST.into() });
     }
 
-    /// Reports on the screen, in the recording and in the report that a process died.
-    pub(super) fn tell_restart(&mut self, at: Nanos, process: Process, how: &str) {
+    /// Reports on the screen, in the recording and in the report that a process died and is restarted.
+    pub(super) fn report_restart(&mut self, at: Nanos, process: Process, how: &str) {
         self.consumers.latencies.cool();
         let count = u64::from(self.supervisor.restarts_of(process));
         let text = format!("{} restarted: {how}", process.name());
-        // The last lines of the process have been passed on as they came.
+        // The process's last lines have already been passed on.
         self.screen.print(text.lines().next().unwrap_or_default());
         let (kind, process) = (NoteKind::Restart, Some(process));
         self.consumers.record_note(Note { instant_ns: at, kind, process, count, text: text.clone() });

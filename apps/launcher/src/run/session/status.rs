@@ -2,7 +2,7 @@
 
 use super::Session;
 use crate::run::screen::Status;
-use crate::run::watch::{findings, say_for_themselves};
+use crate::run::watch::{findings, replace_by_own_report};
 use diagnosis::Finding;
 use ipc::clock::now;
 use protocol::control::Notice;
@@ -18,7 +18,7 @@ impl Session<'_> {
     pub(super) fn show(&mut self) {
         let at = now();
         if self.started_ns == 0 {
-            return self.say_what_is_awaited(at);
+            return self.report_waiting(at);
         }
         if !self.screen.due(at) {
             return;
@@ -56,7 +56,7 @@ impl Session<'_> {
         self.own_cpu.note(std::process::id(), cpu_ns, at);
     }
 
-    /// Checks the last second and reports persistent problems.
+    /// Checks the last second and reports new persistent problems.
     pub(super) fn watch(&mut self) {
         let at = now();
         if self.started_ns == 0 || self.paused_ns.is_some() || at < self.watched_ns + WATCH_NS {
@@ -68,7 +68,7 @@ impl Session<'_> {
         let (monitor, since_ns) = (&consumers.monitor, at - self.started_ns);
         let mut found = findings(&self.args, &consumers.tracking, monitor, since_ns);
         if let Some(trouble) = self.supervisor.trouble_of_streams() {
-            say_for_themselves(trouble, &mut found);
+            replace_by_own_report(trouble, &mut found);
         }
         found.extend(self.supervisor.trouble_of_drivers(at));
         found.extend(self.supervisor.trouble_of_controls());
@@ -78,20 +78,24 @@ impl Session<'_> {
         for finding in self.consumers.watch.note(at_s, &found) {
             self.warn_of(&finding, at);
         }
-        // Sent each time: a renderer that was restarted has not seen it.
+        // Sent at every check, because a restarted renderer has not received it.
         self.notify(at);
     }
 
-    /// Warns at once of a process that works no more though it runs.
+    /// Warns immediately of a process that is running but sends nothing.
     pub(super) fn watch_silence(&mut self) {
         let (at, at_s) = (now(), self.elapsed_s(now()));
-        // Cameras report silent sources themselves.
+        // Silences that a process reports itself are not reported again.
         let source = self.args.source();
-        let told = self.supervisor.trouble_of_streams().is_some()
+        let already_reported = self.supervisor.trouble_of_streams().is_some()
             || self.supervisor.trouble_of_other_tracker().is_some()
             || self.supervisor.trouble_of_tracker().is_some()
             || self.supervisor.lacks(source, at);
-        if self.started_ns == 0 || self.paused_ns.is_some() || told || !self.supervisor.all_ready() {
+        if self.started_ns == 0
+            || self.paused_ns.is_some()
+            || already_reported
+            || !self.supervisor.all_ready()
+        {
             return self.consumers.silence.excuse(at, at_s);
         }
         let counts = self.consumers.monitor.traffic.map(|t| t.count);
@@ -109,7 +113,7 @@ impl Session<'_> {
         self.consumers.record_note(Note { instant_ns: at, kind, process: None, count, text });
     }
 
-    /// Shows problems in the picture; a failure to do so is ignored.
+    /// Sends the current problem to the renderer, which shows it in the picture. Errors are ignored.
     fn notify(&mut self, at: Nanos) {
         let lasting = self.consumers.silence.present().or_else(|| self.consumers.watch.present().next());
         let text = text_bytes(lasting.map_or("", |finding| finding.what.as_str()));
