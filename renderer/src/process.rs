@@ -1,5 +1,5 @@
-//! The process: a new scene or the display wakes it, it draws one stereo frame with the newest pose,
-//! and publishes the frame's instants.
+//! The renderer's process: when a new scene or the display wakes it up, it draws a stereo frame with the
+//! newest pose, and publishes the frame's timestamps.
 
 mod drawing;
 mod held;
@@ -56,7 +56,7 @@ use user::{Keys, User};
 /// If the scene, the rig or an asset cannot be read, there is no graphics driver or no display, the
 /// device is lost, or a file cannot be written.
 pub fn run(config: &Config) -> Result<()> {
-    // Before the driver starts its threads, which inherit it.
+    // Set before the driver starts its threads, which inherit the niceness.
     if let Some(niceness) = config.niceness {
         let _ = setpriority_process(None, niceness);
     }
@@ -65,7 +65,7 @@ pub fn run(config: &Config) -> Result<()> {
     process.finish()
 }
 
-/// The process: channels, device, and the state between frames.
+/// The renderer's process: channels, device, and the state between frames.
 struct RendererShell {
     shell: Shell,
     user: User,
@@ -82,7 +82,7 @@ struct RendererShell {
     output: Output,
     composer: Composer,
     read_back: ReadBack,
-    /// Size of a channel of the video, if there is one, px.
+    /// Size of one channel of the video, px, if there is a video.
     video_px: Option<[u32; 2]>,
     arrangement: Arrangement,
     stills: Ticks,
@@ -90,25 +90,25 @@ struct RendererShell {
     small: Ticks,
     keeps_last: bool,
     snapshot: bool,
-    /// Frames after which the device is destroyed, to test its loss.
+    /// Number of frames after which the device is destroyed, to test recovery from its loss.
     lose_device_after: Option<u64>,
-    /// Header of the present scene.
+    /// Header of the current scene.
     scene: Option<SceneHeader>,
     held: Held,
-    /// Frames that the display has not spoken of.
+    /// Frames without presentation feedback.
     unanswered: Unanswered,
     pose: Option<TrackerFrame>,
     frame: u64,
-    /// Refreshes of the display that showed nothing new.
+    /// Number of display refreshes that showed nothing new.
     missed: u64,
     last_drawn: Nanos,
     shown_tier: Option<usize>,
-    /// Until when the picture shows the tier; `None` before the first such picture.
+    /// End of the time in which the picture shows the tier, ns; `None` before the first such picture.
     status_until: Option<Nanos>,
     write_failed: bool,
 }
 
-/// What takes long to make, and takes part in nothing.
+/// Resources that take long to create and do not depend on the run's channels.
 struct Prepared {
     gpu: Gpu,
     present: Present,
@@ -118,7 +118,8 @@ struct Prepared {
 }
 
 impl Prepared {
-    /// In a `hurry`, no more than is needed to begin.
+    /// Creates the resources. `hurry` returns `Some` once the warm-up must be short, with the tier to begin at,
+    /// if one is named.
     fn new(config: &Config, hurry: Hurry<'_>) -> Result<Self> {
         let scene =
             SceneFile::load(config.scene.name(DEFAULT_SCENE)).context("the renderer needs the scene")?;
@@ -134,7 +135,7 @@ impl Prepared {
     }
 }
 
-/// The process, ready to draw; `None` for a standby that was never promoted.
+/// Creates the process, ready to draw; `None` for a standby that was never promoted.
 fn start(config: &Config) -> Result<Option<RendererShell>> {
     let start_tier = config.start_tier.map(|t| t as usize);
     if !config.standby {
@@ -154,7 +155,7 @@ fn start(config: &Config) -> Result<Option<RendererShell>> {
     RendererShell::open(config, joined, prepared, tier.or(start_tier)).map(Some)
 }
 
-/// What is written to files.
+/// Settings of the files to write.
 fn output_config(config: &Config, video_px: [u32; 2]) -> OutputConfig {
     OutputConfig {
         stills: config.picture.stills.clone(),
@@ -166,7 +167,7 @@ fn output_config(config: &Config, video_px: [u32; 2]) -> OutputConfig {
     }
 }
 
-/// Whom the window's keys serve.
+/// What the window's keys control.
 fn keys(config: &Config) -> Keys {
     match (config.desk, config.replay) {
         (true, _) => Keys::Desk,
@@ -176,7 +177,7 @@ fn keys(config: &Config) -> Keys {
 }
 
 impl RendererShell {
-    /// Opens files and channels. It begins at `start_tier`, if that is a tier it has prepared.
+    /// Opens files and channels. Drawing begins at `start_tier`, or at the best prepared tier if that is worse.
     fn open(
         config: &Config,
         (instance, shell): (Instance, Shell),
@@ -238,8 +239,9 @@ impl RendererShell {
         Ok(process)
     }
 
-    /// A GPU draws at the display's rate, with a newer prediction each time. A processor, which the
-    /// simulation needs too, draws each scene once.
+    /// True if the process waits for a new scene before it draws. A GPU draws at the display's rate, with a
+    /// newer prediction each time. A software driver draws each scene once, because the simulation needs the
+    /// processor too.
     fn waits_for_scene(&self) -> bool {
         self.is_headless() || self.gpu.is_software || self.scene.is_none()
     }
@@ -252,18 +254,19 @@ impl RendererShell {
         self.shell.rest(&[&self.scenes], Nanos::MAX);
     }
 
-    /// True if a window, or a picture that is held and has to say so, has not been redrawn for
-    /// [`IDLE_REDRAW_NS`].
+    /// True if nothing has been drawn for [`IDLE_REDRAW_NS`] although there is a window to redraw, or a held
+    /// picture whose mark is due.
     fn is_idle(&self, at: Nanos) -> bool {
         let redraws = !self.is_headless() || (self.held.age_ns(at).is_some() && !self.user.is_paused());
         redraws && at.saturating_sub(self.last_drawn) > IDLE_REDRAW_NS
     }
 
-    /// Draws a frame if the display takes one; `waited`: for a scene, not for the display.
+    /// Draws a frame if the display accepts one. `waited`: the process has waited for a scene, not for the
+    /// display.
     fn draw_when_ready(&mut self, woken: Nanos, waited: bool) -> Result<()> {
         match self.present.begin(&self.gpu, now) {
             Ready::At(refreshed) => {
-                // A GPU waits for the last moment; a processor that draws has no time to lose.
+                // A GPU starts as late as possible, to use the newest pose. A software driver starts at once.
                 if !waited {
                     sleep_until(self.pacing.start_at(now(), refreshed));
                 }
@@ -276,7 +279,7 @@ impl RendererShell {
         Ok(())
     }
 
-    /// Serves the window's events.
+    /// Handles the window's events.
     fn serve_window(&mut self) -> Result<()> {
         if self.present.is_closed() {
             self.shell.stop();
@@ -284,7 +287,7 @@ impl RendererShell {
         Ok(self.user.forward_inputs(&mut self.present, now())?)
     }
 
-    /// Takes the newest scene in; true if one came since the last call and is valid.
+    /// Uploads the newest scene; true if a valid scene has arrived since the last call.
     fn take_scene(&mut self) -> Result<bool> {
         let begun = self.shell.trace.begin();
         let Some(sample) = self.scenes.receive()? else { return Ok(false) };
@@ -293,7 +296,8 @@ impl RendererShell {
             tracing::debug!(field = sample.header().field, "scene refused: {refused}");
             return Ok(false);
         }
-        // A scene with triangles that name no node is drawn without them and counts as refused too.
+        // A scene with triangles that refer to missing nodes is drawn without these triangles, and counted as
+        // refused.
         self.shell.report.refused += u64::from(self.renderer.refused_triangles() > 0);
         self.scene = Some(*sample.header());
         self.shell.trace.end(Phase::TakeScene, About::field(sample.header().field), begun);
@@ -301,7 +305,7 @@ impl RendererShell {
         Ok(true)
     }
 
-    /// Overlays on the scene: the held mark, the user's overlay, the light dose.
+    /// Updates the overlays: the mark of a held picture, the user's overlay, the light dose.
     fn lay_over(&mut self, at: Nanos) {
         if let Some(mark) = self.held.new_mark(at, self.user.is_paused()) {
             self.renderer.set_held(&mark);
@@ -312,7 +316,7 @@ impl RendererShell {
         self.renderer.show_dose(&self.gpu, self.user.shows_dose());
     }
 
-    /// One stereo frame: records commands, latches the newest pose, submits, waits, presents.
+    /// Draws one stereo frame: records commands, latches the newest pose, submits, waits, presents.
     fn draw_frame(&mut self, frame_start: Nanos, refreshed: Nanos) -> Result<()> {
         let tier = self.governor.tier_index();
         let of_scene = About::field(self.scene.as_ref().map_or(0, |s| s.field));
@@ -330,7 +334,7 @@ impl RendererShell {
         self.shell.trace.end(Phase::Latch, about, latched_at);
         let Drawn { done, drawn, transfer_ns, stamped } = self.draw(tier, &latched, commands, latched_at)?;
         self.last_drawn = done;
-        // Presenting takes time where the processor copies the picture to the display.
+        // Presenting takes time if the processor copies the picture to the display.
         let text = self.renderer.text();
         let handed = self.present.show(&self.gpu, self.renderer.target(tier), text, self.frame, done);
         self.shell.trace.end(Phase::Present, about, done);
@@ -358,7 +362,7 @@ impl RendererShell {
         Ok(())
     }
 
-    /// Collects presentation feedback and sends the records that are complete.
+    /// Collects presentation feedback and sends the frame records that are complete.
     fn send_frames(&mut self, at: Nanos) -> Result<()> {
         let (unanswered, pacing) = (&mut self.unanswered, &mut self.pacing);
         self.present.take_answers(|answer| {
@@ -375,25 +379,25 @@ impl RendererShell {
         Ok(())
     }
 
-    /// Removes the status from the picture after [`STATUS_NS`].
+    /// Removes the tier from the picture after [`STATUS_NS`].
     fn end_status(&mut self, shown: Nanos) {
         if shown > *self.status_until.get_or_insert(shown + STATUS_NS) {
             self.renderer.set_status("");
         }
     }
 
-    /// The newest pose, predicted to `at`.
+    /// The newest pose, predicted to time `at`, ns.
     fn latch(&mut self, at: Nanos) -> Result<Option<Latched>> {
         if let Some(newest) = self.poses.next_valid()? {
             self.pose = Some(newest);
         }
         let from_scene = || self.scene.as_ref().map(latch_scene);
-        // While paused nothing is lost or moves on.
+        // During a pause poses are not predicted, so that nothing moves or is reported as lost.
         let at = |pose: &TrackerFrame| if self.user.is_paused() { pose.instants.exposed } else { at };
         Ok(self.pose.as_ref().map(|pose| latch(pose, at(pose))).or_else(from_scene))
     }
 
-    /// Additional data of a frame record besides its timestamps.
+    /// Creates the record of a frame, except for the timestamps of drawing.
     fn record(&mut self, latched: &Latched, tier: usize, device_clock: bool) -> FrameRecord {
         let mut instants = latched.instants;
         let scene = self.scene.as_ref();
@@ -421,13 +425,14 @@ impl RendererShell {
         }
     }
 
-    /// Scenes replaced before they were drawn; without a display each is a missed frame.
+    /// Number of scenes that were replaced before they were drawn. Without a display, each counts as a missed
+    /// frame.
     fn skipped_scenes(&self) -> u64 {
         if self.present.refresh_ns().is_none() { self.scenes.counts().lost } else { 0 }
     }
 
-    /// Puts tier and reason into the next heartbeat and, for [`STATUS_NS`], onto the picture. `after`: the
-    /// picture after which it has changed.
+    /// Puts tier and reason into the next heartbeat and, for [`STATUS_NS`], into the picture. `after`: the
+    /// last frame before a change of the tier.
     fn show_tier(&mut self, after: Option<&FrameRecord>) {
         let (index, t, reason) = (self.governor.tier_index(), self.governor.tier(), self.governor.reason());
         let (width, height) = (t.width_px, t.height_px);
@@ -454,8 +459,8 @@ impl Work<anyhow::Error> for RendererShell {
         }
     }
 
-    /// The newest scene, a frame where one is due, pictures; then the window, which is not to stand
-    /// between a scene and its picture.
+    /// Takes the newest scene, draws a frame if one is due, and publishes pictures, before the window's
+    /// events, so that they do not delay a picture.
     fn turn(&mut self, woken: Nanos) -> Result<()> {
         let waited = self.waits_for_scene();
         let fresh = self.take_scene()?;
@@ -471,7 +476,7 @@ impl Work<anyhow::Error> for RendererShell {
         self.serve_window()
     }
 
-    /// It has no state to reset: it draws any scene that comes.
+    /// The renderer has no state to reset: it draws any scene that arrives.
     fn execute(&mut self, command: Command, argument: u64) -> Result<Served> {
         match command {
             Command::Pause | Command::Start => self.user.pause(command == Command::Pause),

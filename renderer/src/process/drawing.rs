@@ -1,4 +1,4 @@
-//! A frame on the device: its commands and their completion.
+//! Drawing a frame on the device: its commands and their completion.
 
 use super::RendererShell;
 use crate::latch::Latched;
@@ -10,20 +10,21 @@ use protocol::phases::Phase;
 use protocol::time::Nanos;
 use wgpu::CommandBuffer;
 
-/// Instants of a frame that the device has drawn.
+/// Timestamps of a drawn frame.
 pub(super) struct Drawn {
-    /// When this process knew that it was.
+    /// Time at which this process was notified of the completion, ns.
     pub(super) done: Nanos,
-    /// Its times, by the device's clock if available.
+    /// Time of the completion, ns of `CLOCK_MONOTONIC`; from the device's clock if it has one.
     pub(super) drawn: Nanos,
-    /// Time of the calls that upload the tissue, ns.
+    /// Duration of the calls that upload the tissue, ns.
     pub(super) transfer_ns: u64,
-    /// The device has timestamps.
+    /// True if the device has timestamps.
     pub(super) stamped: bool,
 }
 
 impl RendererShell {
-    /// Records the passes of a frame, each as a phase of the field of its scene where that is traced.
+    /// Records the commands of a frame's passes. If tracing is on, each pass is traced as a phase of the
+    /// scene's field.
     pub(super) fn encode(&mut self, tier: usize, of_scene: About) -> CommandBuffer {
         match self.shell.trace.laps(of_scene) {
             Some(mut laps) => self.renderer.encode_in_phases(&self.gpu, tier, &mut laps),
@@ -31,7 +32,7 @@ impl RendererShell {
         }
     }
 
-    /// Submits the commands for the latched pose and waits for the device.
+    /// Submits the commands with the latched pose, and waits for the device.
     pub(super) fn draw(
         &mut self,
         tier: usize,
@@ -54,7 +55,7 @@ impl RendererShell {
         Ok(Drawn { done, drawn, transfer_ns, stamped: stamped.is_some() })
     }
 
-    /// Records the device's timeline of a frame.
+    /// Traces the passes of a frame on the device.
     fn note_passes(&mut self, about: About, times: &PassTimes, frame: [Nanos; 2]) {
         let passes = [Phase::GpuShadow, Phase::GpuPicture, Phase::GpuFocus];
         for (phase, from_to) in passes.into_iter().zip(times.on_processor_clock(frame)) {

@@ -3,29 +3,29 @@
 use crate::config::HELD_NS;
 use protocol::time::Nanos;
 
-/// Whether the scene is of the present.
+/// Whether the scene is current.
 #[derive(Debug, Default)]
 pub struct Held {
-    /// When the newest scene came; `None` before the first.
+    /// Time at which the newest scene arrived, ns; `None` before the first.
     came_ns: Option<Nanos>,
-    /// Nothing more will come.
+    /// True once the stream has ended.
     ended: bool,
-    /// Tenths of a second shown in the picture.
+    /// Age shown in the picture, tenths of a second; 0 without a mark.
     shown: u64,
 }
 
 impl Held {
-    /// A new scene has come.
+    /// Records the arrival of a new scene.
     pub fn note_scene(&mut self, at: Nanos) {
         (self.came_ns, self.ended) = (Some(at), false);
     }
 
-    /// The stream has ended; its last picture stays.
+    /// Ends the stream; its last picture stays without a mark.
     pub fn end(&mut self) {
         self.ended = true;
     }
 
-    /// How long the picture has been held, ns; `None` while it is of the present.
+    /// Age of a held picture, ns; `None` while the picture is current.
     pub fn age_ns(&self, at: Nanos) -> Option<u64> {
         let age = at.saturating_sub(self.came_ns?);
         (age > HELD_NS && !self.ended).then_some(age)
@@ -36,7 +36,7 @@ impl Held {
         self.shown > 0
     }
 
-    /// The mark for a picture drawn at `at`, if it differs from the one before; empty for none.
+    /// Text of the mark for a picture drawn at `at`, if it differs from the last one; empty without a mark.
     pub fn new_mark(&mut self, at: Nanos, paused: bool) -> Option<String> {
         let tenths = self.age_ns(at).filter(|_| !paused).map_or(0, |age| age / 100_000_000);
         if std::mem::replace(&mut self.shown, tenths) == tenths {

@@ -1,4 +1,4 @@
-//! Picture outputs: stills, video, the small JPEGs of the channel `pictures`.
+//! Picture outputs: stills, video, and the small JPEGs of channel `pictures`.
 
 use super::RendererShell;
 use crate::compose::{SMALL_PX, output_px};
@@ -11,7 +11,7 @@ use protocol::limits::MAX_PICTURE_BYTES;
 use protocol::time::Nanos;
 
 impl RendererShell {
-    /// Hands the picture to the outputs that are due for one.
+    /// Passes the picture to the outputs that are due.
     pub(super) fn output_frame(&mut self, tier: usize, record: &FrameRecord) -> Result<()> {
         let at = record.displayed;
         let request = PictureRequest {
@@ -41,8 +41,8 @@ impl RendererShell {
         Ok(())
     }
 
-    /// Size of a channel of the picture for a request, so that the text on it is not scaled: that of
-    /// the video while there is one; a small picture alone is drawn small.
+    /// Size of one channel of the output picture, px, chosen so that the text on it need not be scaled: that
+    /// of the video while there is one, else that of the tier for stills, else the small size.
     fn picture_px(&self, tier: usize, request: PictureRequest) -> [u32; 2] {
         match self.video_px {
             Some(size_px) => size_px,
@@ -51,7 +51,7 @@ impl RendererShell {
         }
     }
 
-    /// Publishes finished small pictures; a file that cannot be written is reported once.
+    /// Publishes finished small pictures, and reports once if a file cannot be written.
     pub(super) fn publish_pictures(&mut self) -> Result<()> {
         let pictures = &mut self.pictures;
         let mut sent = Ok(());

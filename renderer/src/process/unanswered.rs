@@ -1,44 +1,45 @@
-//! Frame records that wait for their presentation time from the display. Pure: times are arguments.
+//! Frame records that wait for the display's presentation feedback. Pure: times are arguments.
 
 use crate::present::feedback::Answer;
 use protocol::frames::{DISPLAY_ESTIMATED, DISPLAY_REPORTED, FrameRecord};
 use protocol::time::Nanos;
 use std::collections::VecDeque;
 
-/// Timeout of the presentation feedback, ns. Hidden windows and suspended displays give none.
+/// Timeout of the presentation feedback, ns. Hidden windows and suspended displays send none.
 const AT_MOST_NS: u64 = 250_000_000;
-/// Frames in a row without an answer, where none has come yet, after which none is expected any more.
+/// Number of frames in a row without feedback, before any feedback has arrived, after which feedback is
+/// considered unsupported.
 const SILENT_FRAMES: u32 = 30;
 
 struct Waiting {
     record: FrameRecord,
-    /// The display's feedback; the inner `None`: the picture was never shown.
+    /// The feedback, if it has arrived; the inner `None` means that the picture was never shown.
     answer: Option<Option<Nanos>>,
     until: Nanos,
 }
 
-/// Records in the order of their frames.
+/// Waiting records in the order of their frames.
 #[derive(Default)]
 pub struct Unanswered {
     waiting: VecDeque<Waiting>,
-    /// Frames in a row that had no answer.
+    /// Number of frames in a row without feedback.
     silent: u32,
     answered: bool,
 }
 
 impl Unanswered {
-    /// True while the display may answer.
+    /// True while feedback may arrive.
     pub fn expects(&self) -> bool {
         self.answered || self.silent < SILENT_FRAMES
     }
 
-    /// Adds a record with an estimated `displayed`; `asked`: feedback was requested from the display.
+    /// Adds a record with an estimated `displayed`. `asked`: feedback was requested from the display.
     pub fn push(&mut self, record: FrameRecord, asked: bool, now: Nanos) {
         let until = if asked && self.expects() { now + AT_MOST_NS } else { now };
         self.waiting.push_back(Waiting { record, answer: None, until });
     }
 
-    /// Takes an answer. Returns by how much later than estimated the picture was shown, ns.
+    /// Adds feedback. Returns by how much later than estimated the picture was shown, ns.
     pub fn answer(&mut self, answer: Answer) -> Option<i64> {
         (self.answered, self.silent) = (true, 0);
         let waiting = self.waiting.iter_mut().find(|w| w.record.frame == answer.frame)?;
@@ -46,14 +47,14 @@ impl Unanswered {
         answer.displayed.map(|at| at.cast_signed() - waiting.record.displayed.cast_signed())
     }
 
-    /// The next record that waits for nothing any more: answered, or too old at `now`.
+    /// Removes and returns the next record with feedback, or whose timeout has passed at `now`.
     pub fn next(&mut self, now: Nanos) -> Option<FrameRecord> {
         let Waiting { mut record, answer, .. } =
             self.waiting.pop_front_if(|w| w.answer.is_some() || w.until <= now)?;
         if answer.is_none() {
             self.silent = self.silent.saturating_add(1);
         }
-        // No picture is shown before it is drawn.
+        // A picture cannot be shown before it is drawn; earlier times are ignored.
         if let Some(displayed) = answer.flatten().filter(|at| *at >= record.drawn) {
             record.displayed = displayed;
             record.flags = record.flags & !DISPLAY_ESTIMATED | DISPLAY_REPORTED;

@@ -1,5 +1,5 @@
-//! The user at the window: forwards their inputs on `inputs`, and overlays help, pause, the desk's
-//! hints and the launcher's notices on the picture.
+//! The user at the window: forwards inputs on channel `inputs`, and overlays help, pause, hints of the desk
+//! and notices of the launcher on the picture.
 
 use crate::present::Present;
 use ipc::{Instance, IpcError, Queue, Receiver, Sender};
@@ -10,22 +10,22 @@ use protocol::scene_text::{Place, Row, push_line, push_sentence};
 use protocol::time::Nanos;
 use protocol::transport;
 
-/// Lines of `protocol::scene_text` over the picture.
+/// Text over the picture, in the format of `protocol::scene_text`.
 pub struct Overlay {
     /// The lines.
     pub lines: String,
-    /// They replace the scene's text.
+    /// True if the lines replace the scene's text.
     pub hides_scene_text: bool,
 }
 
-/// Purpose of the window's keys.
+/// What the window's keys control.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Keys {
-    /// The course of a run.
+    /// The run: pause, restart, next level.
     Run,
-    /// The instruments too: a person works at this window.
+    /// The run and the instruments (desk mode).
     Desk,
-    /// They control a replay, whose picture is therefore never marked as paused or held.
+    /// A replay, whose picture is never marked as paused or held.
     Replay,
 }
 
@@ -40,12 +40,12 @@ pub struct User {
     help: bool,
     dose: bool,
     paused: bool,
-    /// The overlay has changed since it was taken.
+    /// True if the overlay has changed since it was last taken.
     changed: bool,
 }
 
 impl User {
-    /// Opens the channels. `dose`: the dose of light is shown from the start.
+    /// Opens the channels. `dose`: the light dose is shown from the start.
     ///
     /// # Errors
     /// If a channel cannot be opened.
@@ -57,29 +57,29 @@ impl User {
         Ok(User { inputs, hints, notices, hint, notice, keys, help, dose, paused, changed })
     }
 
-    /// True while the dose of light is shown.
+    /// True if the light dose is shown.
     pub fn shows_dose(&self) -> bool {
         self.dose
     }
 
-    /// True while the session is paused, and always in a replay, whose pictures have their own time.
+    /// True while the session is paused, and always for a replay, whose pictures have their own time.
     pub fn is_paused(&self) -> bool {
         self.paused || self.keys == Keys::Replay
     }
 
-    /// Pauses or resumes.
+    /// Sets the pause.
     pub fn pause(&mut self, paused: bool) {
         self.changed |= paused != self.paused;
         self.paused = paused;
     }
 
-    /// Shows or hides the help on the launcher's command.
+    /// Shows or hides the help, as commanded by the launcher.
     pub fn show_help(&mut self, shown: bool) {
         self.changed |= shown != self.help;
         self.help = shown;
     }
 
-    /// Publishes the window's inputs and takes the newest hint.
+    /// Publishes the window's inputs, and receives the newest hint and notice.
     ///
     /// # Errors
     /// If a channel fails.
@@ -117,7 +117,7 @@ impl User {
     }
 }
 
-/// Lines of the overlay, each with its place.
+/// Text of the overlay, each line with its place.
 fn lines(hint: &str, notice: &str, paused: bool, help: &str) -> String {
     let mut text = String::new();
     if !hint.is_empty() {
