@@ -84,9 +84,9 @@ fn outcome(rig: &Rig, args: &Args, scenario: Scenario, seed: u64, px: f64) -> Ou
     let stream = Recipe { scenario, seed, seconds: args.seconds, knocks: knocks.clone() }.draw(rig);
     let tracked = Tracked::of(&stream);
     if args.each {
-        let told: Vec<String> = tracked.notices.iter().map(|(t, n)| format!("{t:.2} s {n:?}")).collect();
+        let notices: Vec<String> = tracked.notices.iter().map(|(t, n)| format!("{t:.2} s {n:?}")).collect();
         let of = knocks.iter().map(|k| k.camera.to_string()).collect::<Vec<_>>().join(",");
-        eprintln!("{} {px} px seed {seed} camera {of}: {}", scenario.name(), told.join("; "));
+        eprintln!("{} {px} px seed {seed} camera {of}: {}", scenario.name(), notices.join("; "));
     }
     let at = |wanted: &dyn Fn(&Notice) -> bool| {
         let own = |n: &Notice| knocks.first().is_some_and(|k| of(n) == Some(k.camera as usize)) && wanted(n);
