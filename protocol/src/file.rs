@@ -141,6 +141,7 @@ fn text_looks_like(text: &str) -> &'static str {
         && first.ends_with(']')
         && first.chars().all(|c| c.is_alphanumeric() || "[]._-\"".contains(c));
     match first.chars().next() {
+        None if !text.is_empty() => "nothing but comments (lines that begin with #)",
         None => "an empty file",
         Some('{') => "JSON",
         Some('<') => "XML",

@@ -122,7 +122,7 @@ pub const ROLL_MANOEUVRE_RAD_S2: f64 = 150.0;
 /// Bounds of the duration of such a manoeuvre, s.
 pub const ROLL_MANOEUVRE_S: (f64, f64) = (0.02, 0.04);
 /// Time without an observation after which the roll is damped, ns.
-pub const ROLL_COAST_NS: u64 = LOST_AFTER_NS;
+pub const ROLL_COAST_NS: u64 = 150_000_000;
 /// Time constant of that damping, s.
 pub const ROLL_DAMPING_S: f64 = 0.2;
 /// Standard deviation of the Singer acceleration of an instrument's roll, rad/s².
@@ -160,8 +160,12 @@ pub const SEEN_QUARTERS: u64 = 6;
 /// Time after two cameras saw a body for which one camera alone still measures it: the pivot of the shaft
 /// determines the depth until the play becomes too uncertain.
 pub const ONE_CAMERA_QUARTERS: u64 = 9;
-/// Time without two cameras after which a body is lost, ns.
-pub const LOST_AFTER_NS: u64 = 150_000_000;
+/// Time without two cameras after which a body is lost, ns. Found again, it is as uncertain as if it had never been seen; how a
+/// hand moves is known for longer than two cameras are silent.
+pub const LOST_AFTER_NS: u64 = 250_000_000;
+/// The same for an instrument that turns freely: taken out, it may come back anywhere, and a prediction that goes on takes its
+/// markers for one another.
+pub const FREE_LOST_AFTER_NS: u64 = 150_000_000;
 /// Time without two cameras after which a body is searched, in quarters of a period.
 pub const ACQUIRE_AFTER_QUARTERS: u64 = 6;
 /// Gap (or step back) between camera-fields after which all tracks end, ns.

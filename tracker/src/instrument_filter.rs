@@ -15,6 +15,7 @@
 mod adaptation;
 mod directed;
 mod motion;
+mod pivot;
 mod saved;
 mod start;
 mod transition;
@@ -28,6 +29,7 @@ use crate::tuning::Tuning;
 use adaptation::Nis;
 use directed::{Directed, add_noise_of};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+pub use pivot::Pivot;
 pub use start::Hand;
 use transition::{PLAY_MODEL, StateTransition, roll_model, roll_tremor_model, voluntary_model};
 
@@ -43,17 +45,6 @@ const N: usize = ROLL_TREMOR + 2 * ROLL_TREMORS;
 
 type Row = block_matrix::Row<N>;
 type Columns = block_matrix::Columns<N>;
-
-/// The point that the shaft passes, and its play there.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pivot {
-    /// In the world, mm.
-    pub position: Vector3<f64>,
-    /// Standard deviation of the play, mm.
-    pub sigma: f64,
-    /// True if this is the trocar of a tracked eye.
-    pub tracked: bool,
-}
 
 /// State of an instrument.
 #[derive(Debug, Clone, PartialEq)]
@@ -225,23 +216,6 @@ impl InstrumentFilter {
         self.mirror();
         self.renew_cross();
         self.time_ns = time_ns;
-    }
-
-    /// The next pivot. A trocar that becomes known takes over without moving the shaft; near the
-    /// pivot the lever is too short for a direction, and the shaft turns freely.
-    fn next_pivot(&mut self, pivot: Option<Pivot>) -> Pivot {
-        let held = Pivot { sigma: k::FREE_PLAY_MM, tracked: false, ..self.pivot };
-        let mut next = pivot.unwrap_or(held);
-        let tip = tip_of(&self.vectors);
-        let axis = self.axis();
-        if axis.dot(&(next.position - tip)) < k::SHORTEST_LEVER_MM {
-            next = Pivot { position: tip + axis * k::FREE_PIVOT_MM, ..held };
-            self.vectors[PLAY].fill(0.0);
-        } else if next.tracked != self.pivot.tracked {
-            let point = self.pivot.position + self.vectors[PLAY];
-            self.vectors[PLAY] = point - next.position;
-        }
-        next
     }
 
     fn add_noise(&mut self, step: &StateTransition, dt: f64) {

@@ -87,7 +87,11 @@ impl Track {
     /// Predicts the body at `time_ns`; ends the track where two cameras have not seen the body for
     /// too long.
     pub fn predict(&mut self, time_ns: u64, pivot: Option<Pivot>) {
-        let stale = time_ns.saturating_sub(self.good_ns) > k::LOST_AFTER_NS;
+        let lost_after_ns = match &self.filter {
+            Some(BodyFilter::Instrument(instrument)) if instrument.turns_freely() => k::FREE_LOST_AFTER_NS,
+            _ => k::LOST_AFTER_NS,
+        };
+        let stale = time_ns.saturating_sub(self.good_ns) > lost_after_ns;
         if let Some(filter) = &mut self.filter {
             if let BodyFilter::Instrument(instrument) = filter
                 && time_ns.saturating_sub(self.roll_ns) > k::ROLL_COAST_NS

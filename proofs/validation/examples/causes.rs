@@ -1,7 +1,8 @@
-//! `cargo run --release -p validation --example causes [SEEDS]`: defects planted in drawn streams, and what the
+//! `cargo run --release -p validation --example causes`: defects planted in drawn streams, and what the
 //! judge of causes names. Prints the table of `docs/calibration.md`.
 
 use calibration::causes::{Verdict, judge};
+use clap::Parser;
 use validation::planted::{Defect, is_truth, plant};
 use validation::streams::Scenario;
 
@@ -9,8 +10,16 @@ use validation::streams::Scenario;
 const SECONDS: f64 = 6.0;
 const FROM_S: f64 = 2.5;
 
+/// Plants every kind of defect in streams of the shipped rig, and prints how often the judge of causes names it.
+#[derive(Parser)]
+struct Args {
+    /// Streams of each kind and scenario; their seeds are 1, 2, …
+    #[arg(default_value_t = 4)]
+    seeds: u64,
+}
+
 fn main() {
-    let seeds: u64 = std::env::args().nth(1).map_or(4, |n| n.parse().expect("a number of seeds"));
+    let Args { seeds } = Args::parse();
     println!(
         "| defect | scenario | streams | named alone | among several | unknown | nothing | wrong | begin off by, s |"
     );

@@ -1,9 +1,8 @@
 //! What an instrument's pose says of its motion: blobs of one field that were exposed at different instants see both.
 
-use super::{InstrumentFilter, N, PAIRS, PLAY, ROLL, ROLL_TREMOR, ROLL_TREMORS, Row, TREMOR};
+use super::{InstrumentFilter, N, ROLL, ROLL_TREMOR, ROLL_TREMORS, Row};
 use crate::lines::MotionGivenPose;
 use crate::pose_math::Matrix6;
-use nalgebra::Vector3;
 
 impl InstrumentFilter {
     /// Regression of the motion on the pose; `pose_information` is the inverse of
@@ -30,14 +29,9 @@ impl InstrumentFilter {
     /// Velocity and angular velocity of a column (or row) of the covariance; as [`InstrumentFilter::motion`] of a state.
     fn motion_part(&self, row: &Row) -> [f64; 6] {
         let (axis, lever) = self.shaft();
-        let vector = |i: usize| Vector3::new(row[3 * i], row[3 * i + 1], row[3 * i + 2]);
-        let mut velocity = vector(1);
-        for pair in 0..PAIRS {
-            let [real, imaginary] = self.bank.velocity(pair);
-            velocity += vector(TREMOR + 2 * pair) * real + vector(TREMOR + 2 * pair + 1) * imaginary;
-        }
+        let [_, velocity, _, play] = self.tip_and_play(row);
         let rolling = (0..ROLL_TREMORS).fold(row[ROLL + 1], |sum, i| sum + row[ROLL_TREMOR + 2 * i + 1]);
-        let turning = axis.cross(&(vector(PLAY + 1) - velocity)) / lever + axis * rolling;
+        let turning = axis.cross(&(play - velocity)) / lever + axis * rolling;
         [velocity.x, velocity.y, velocity.z, turning.x, turning.y, turning.z]
     }
 }

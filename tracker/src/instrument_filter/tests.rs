@@ -70,6 +70,50 @@ fn the_bank_learns_where_the_tremor_is() {
     assert!(middle > 4.0 * low.max(high), "{:?}", f.hand.tremor_variance);
 }
 
+/// All that a filter says of the pose and its motion, and of their uncertainty.
+fn said(f: &InstrumentFilter) -> Vec<f64> {
+    let (pose, information) = (f.pose(), f.pose_covariance().try_inverse().unwrap());
+    let columns: Vec<[f64; N]> = f.covariance.to_vec();
+    let velocities = columns.iter().map(|row| f.tip_and_play(row)[1]).flat_map(|v| [v.x, v.y, v.z]);
+    let numbers =
+        pose.translation.vector.iter().chain(pose.rotation.coords.iter()).copied().collect::<Vec<_>>();
+    let given =
+        f.motion_given_pose(&information).motion(&f.motion(), &crate::pose_math::Vector6::repeat(1e-3));
+    let motion = f.motion().into_iter().chain(given).flat_map(|v| [v.x, v.y, v.z]);
+    numbers.into_iter().chain(motion).chain(f.pose_covariance().iter().copied()).chain(velocities).collect()
+}
+
+#[test]
+fn another_pivot_changes_nothing_of_pose_motion_and_their_covariance() {
+    // Taken out until it turns freely, and put back: at every change of its pivot, both ways.
+    let tip = |t: f64| through(Vector3::new(1.0, 2.0, -4.0)).translation.vector.lerp(&pivot().position, t);
+    let mut f = filter(tip(0.0));
+    let (mut taken, mut along_mm) = (Vec::new(), Vec::new());
+    for n in 1..200u64 {
+        let out = 0.9 - (n as f64 / 100.0 - 1.0).abs() * 0.9;
+        let mut other = f.clone();
+        let _ = other.next_pivot(Some(pivot()));
+        if other.pivot.tracked != f.pivot.tracked {
+            let (before, after) = (said(&f), said(&other));
+            let of_play = 3 * PLAY..3 * PLAY + 6;
+            for (i, (a, b)) in before.iter().zip(&after).enumerate() {
+                // The rows of the play itself are at another point.
+                let row = i.checked_sub(before.len() - 3 * N).map(|i| i / 3);
+                if row.is_none_or(|row| !of_play.contains(&row)) {
+                    assert!((a - b).abs() < 1e-9 + 1e-6 * a.abs(), "{i}: {a} and {b}");
+                }
+            }
+            taken.push(other.pivot.tracked);
+            along_mm.push(other.axis().dot(&other.vectors[PLAY]));
+        }
+        f.predict(FIELD_NS * (n + 1), Some(pivot()));
+        assert!(measure(&mut f, &through(tip(out)), &(Matrix6::identity() * 1e-6)));
+    }
+    assert_eq!(taken, [false, true]);
+    assert!(along_mm.iter().all(|mm| mm.abs() < 1e-9), "{along_mm:?}");
+    assert!(f.play() < 0.02, "{}", f.play());
+}
+
 #[test]
 fn a_trocar_that_comes_into_sight_does_not_jerk_the_shaft() {
     let mut f = InstrumentFilter::new(

@@ -68,31 +68,37 @@ pub fn settable(scene: &SceneFile) -> Vec<Settable> {
     of_tracker.chain(of_scene).collect()
 }
 
-/// The unit that a scene's key ends with.
+/// Endings of a scene's keys, and the unit that they stand for.
+const UNITS: [(&str, &str); 23] = [
+    ("_mm", "mm"),
+    ("_mm2", "mm²"),
+    ("_mm3", "mm³"),
+    ("_mm_s", "mm/s"),
+    ("_mm_s2", "mm/s²"),
+    ("_mm_s_per_kpa", "mm/(s·kPa)"),
+    ("_ml", "ml"),
+    ("_rad", "rad"),
+    ("_deg", "°"),
+    ("_s", "s"),
+    ("_ms", "ms"),
+    ("_hz", "Hz"),
+    ("_per_s", "1/s"),
+    ("_per_min", "1/min"),
+    ("_pa", "Pa"),
+    ("_mmhg", "mmHg"),
+    ("_g", "g"),
+    ("_mg", "mg"),
+    ("_un", "µN"),
+    ("_un_per_mm", "µN/mm"),
+    ("_un_s_per_mm", "µN·s/mm"),
+    ("_n_per_m", "N/m"),
+    ("_px", "px"),
+];
+
+/// The unit that a scene's key ends with: that of the longest ending.
 fn unit_of(path: &str) -> &'static str {
-    const UNITS: [(&str, &str); 20] = [
-        ("_mm_s2", "mm/s²"),
-        ("_mm_s", "mm/s"),
-        ("_mm2", "mm²"),
-        ("_mm3", "mm³"),
-        ("_mm", "mm"),
-        ("_rad", "rad"),
-        ("_deg", "°"),
-        ("_ms", "ms"),
-        ("_hz", "Hz"),
-        ("_pa", "Pa"),
-        ("_un_per_mm", "µN/mm"),
-        ("_un_s_per_mm", "µN·s/mm"),
-        ("_n_per_m", "N/m"),
-        ("_per_s", "1/s"),
-        ("_g", "g"),
-        ("_un", "µN"),
-        ("_s", "s"),
-        ("_mg", "mg"),
-        ("_mmhg", "mmHg"),
-        ("_px", "px"),
-    ];
-    UNITS.iter().find(|(ending, _)| path.ends_with(ending)).map_or("", |(_, unit)| unit)
+    let endings = UNITS.iter().filter(|(ending, _)| path.ends_with(ending));
+    endings.max_by_key(|(ending, _)| ending.len()).map_or("", |(_, unit)| unit)
 }
 
 fn text(all: &[Settable]) -> String {
@@ -201,6 +207,15 @@ mod tests {
         assign(&[Assignment { key: key.into(), value }], &mut tuning, &mut scene)
             .map_err(|e| format!("{e:#}"))?;
         Ok((tuning, scene))
+    }
+
+    #[test]
+    fn the_longest_ending_of_a_key_is_its_unit() {
+        for (ending, unit) in UNITS {
+            assert_eq!(unit_of(&format!("tissue.value{ending}")), unit, "{ending}");
+        }
+        assert_eq!(unit_of("membrane.stiffness_un_per_mm"), "µN/mm");
+        assert_eq!(unit_of("membrane.columns"), "");
     }
 
     #[test]
