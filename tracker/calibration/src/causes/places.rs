@@ -21,8 +21,8 @@ const CAMERA_REACH_PX: [f64; 8] = [30.0, 30.0, 20.0, 12.0, 8.0, 4.0, 4.0, 4.0];
 const MARKER_REACH_PX: f64 = 25.0;
 /// Estimations of a marker: the others' fit takes up a part of its shift, less each time.
 const MARKER_ITERATIONS: usize = 8;
-/// The largest share of the step before by which steps are known to fall.
-const LEAST_RATIO: f64 = 0.8;
+/// Steps fall where one is less than this share of the one before, along it.
+const FALLING: f64 = 0.8;
 /// A step that ends them, mm.
 const MARKER_NEAR_MM: f64 = 0.003;
 /// Residual of half weight, px.
@@ -136,12 +136,11 @@ pub fn marker_moved(rig: &Rig, fields: &[BlobField], body: usize, marker: usize)
         let mut step = marker_step(&moved, fields, body, marker)?;
         // Steps fall geometrically: the sum of those to come is known from two in one direction.
         let ratio = last.map_or(1.0, |last| step.dot(&last) / last.norm_squared());
-        last = match ratio {
-            r if (0.0..LEAST_RATIO).contains(&r) => None,
-            _ => Some(step),
-        };
-        if last.is_none() {
+        if (0.0..FALLING).contains(&ratio) {
             step /= 1.0 - ratio;
+            last = None;
+        } else {
+            last = Some(step);
         }
         moved.bodies[index].markers[marker].p = (place(&moved) + step).into();
         if step.norm() < MARKER_NEAR_MM {

@@ -44,7 +44,8 @@ impl Work {
     pub(super) fn stretch<'a>(&self, fields: &'a [BlobField], hypotheses: &[Hypothesis]) -> &'a [BlobField] {
         let Some(begin) = fields.first().map(|f| f.exposed_ns) else { return fields };
         let part = fields.iter().filter(|f| f.exposed_ns < begin + PART_NS).count();
-        // How often the part and the whole are tracked. Few causes without a parameter pass the part.
+        // How often the part and the whole are tracked, as a rule: few causes without a parameter pass the part, and a marker
+        // that was not moved takes two or three steps.
         let (mut parts, mut wholes) = (0, 0);
         for hypothesis in hypotheses {
             let (of_part, of_whole) = match hypothesis {
