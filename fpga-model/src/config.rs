@@ -8,7 +8,7 @@ use settings::{Program, SettingsArgs};
 /// What vitreo.toml says to the sub-commands; a process of a run reads no file.
 pub const SETTINGS: Program = Program { prefix: "", without: &[], elsewhere: None };
 
-/// The twin of the camera hardware: fields of pixels to blobs.
+/// Emulate the camera hardware: turn fields of pixels into blobs.
 #[derive(Debug, Clone, clap::Parser)]
 #[command(name = "vitreo-fpga-model", version)]
 #[command(args_conflicts_with_subcommands = true)]
@@ -16,9 +16,6 @@ pub struct Config {
     /// Sub-command, instead of running as a process.
     #[command(subcommand)]
     pub command: Option<Command>,
-    /// Arguments of every process.
-    #[command(flatten)]
-    pub shell: ShellArgs,
     /// Whether files of settings are read.
     #[command(flatten)]
     pub settings: SettingsArgs,
@@ -28,4 +25,7 @@ pub struct Config {
     /// What it finds.
     #[command(flatten)]
     pub extraction: ExtractionArgs,
+    /// Arguments of every process.
+    #[command(flatten)]
+    pub shell: ShellArgs,
 }

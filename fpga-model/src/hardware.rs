@@ -73,13 +73,13 @@ pub fn resources(limits: &Limits) -> Vec<Resource> {
         register("luma around a pixel", (2 * weight::LINES + 1) * weight::WINDOW, LUMA_BITS),
         memory("runs being read", limits.runs, run),
         memory("runs of the four lines before", 2 * weight::LINES * limits.runs, run),
-        register("sums of the run being weighed", 1, run_sum_bits(limits)),
-        register("labels of all these runs", (2 * weight::LINES + 1) * limits.runs, widths.label + 1),
+        register("sums of the current run", 1, run_sum_bits(limits)),
+        register("labels of the runs", (2 * weight::LINES + 1) * limits.runs, widths.label + 1),
         register("labels in use", limits.labels, 1),
         memory("components", limits.labels, component_bits(&widths)),
-        memory("components that wait for the divider", limits.blobs, component_bits(&widths)),
+        memory("components waiting for the divider", limits.blobs, component_bits(&widths)),
         register("divider", 1, 3 * u32::BITS),
-        register("counts of what was lost", 4, u32::BITS),
+        register("loss counters", 4, u32::BITS),
     ]);
     all
 }

@@ -8,10 +8,10 @@ use std::process::Command;
 
 /// Settings for dots on a target, particles in a flow, stars, and dark beads: those of
 /// `docs/real-pictures.md`.
-const DOTS: &str = "--spots --background tracked --threshold 10:20 --least-area 3";
-const PARTICLES: &str = "--spots --background tracked --threshold 8:16 --least-area 1";
-const STARS: &str = "--spots --background tracked --threshold 12:24 --least-area 1";
-const BEADS: &str = "--spots --grey --polarity dark --background tracked --threshold 12:24 --least-area 1";
+const DOTS: &str = "--spots --background tracked --threshold 10:20 --min-area 3";
+const PARTICLES: &str = "--spots --background tracked --threshold 8:16 --min-area 1";
+const STARS: &str = "--spots --background tracked --threshold 12:24 --min-area 1";
+const BEADS: &str = "--spots --grey --polarity dark --background tracked --threshold 12:24 --min-area 1";
 
 /// The collection, if it is there.
 fn cameras() -> Option<PathBuf> {
@@ -192,7 +192,7 @@ fn beads_that_diffuse_are_seen_again_in_the_next_frame() {
 fn drawn_shapes_are_found_each_in_its_colour() {
     let Some(data) = cameras() else { return };
     let picture = data.join("opencv/detect_blob.png");
-    let found = blobs("--background fixed=16 --threshold 10:20 --least-area 30", &[picture]).remove(0);
+    let found = blobs("--background fixed=16 --threshold 10:20 --min-area 30", &[picture]).remove(0);
     // 17 shapes; white are the line that frames the picture and the end of the one that fades to
     // black.
     assert_eq!(found.iter().filter(|b| b.colour != "white").count(), 17, "{found:#?}");
@@ -229,7 +229,7 @@ fn sweets_are_told_apart_by_learnt_colours() {
     args.extend(samples.iter().map(String::as_str));
     run(&args, &[]);
     let options = format!(
-        "--colours {file} --key --polarity dark --background fixed=16 --threshold 30:60 --least-area 100"
+        "--colours {file} --key --polarity dark --background fixed=16 --threshold 30:60 --min-area 100"
     );
     let found = blobs(&options, &[picture]).remove(0);
     // By looking at the picture: colour and rough centre of each sweet; the brown ones are no
@@ -298,8 +298,7 @@ fn a_learnt_ball_is_the_largest_blob_of_its_colour() {
         let mut args = vec!["colours", "learn", "--force", "-o", &file];
         args.extend(samples.iter().map(String::as_str));
         run(&args, &[]);
-        let options =
-            format!("--colours {file} --key --background fixed=16 --threshold 8:16 --least-area 100");
+        let options = format!("--colours {file} --key --background fixed=16 --threshold 8:16 --min-area 100");
         let pictures: Vec<PathBuf> = others.iter().map(|n| path(n)).collect();
         for (name, found) in others.iter().zip(blobs(&options, &pictures)) {
             let largest = found.iter().max_by(|a, b| a.area.total_cmp(&b.area)).expect("a blob");
@@ -318,7 +317,7 @@ fn red_halves_of_balls_on_a_table_are_counted() {
     let folder = tempfile::tempdir().expect("scratch folder");
     let file = folder.path().join("ball.toml").display().to_string();
     run(&["colours", "learn", &format!("red={}@700,240,100,60", photo(1).display()), "-o", &file], &[]);
-    let options = format!("--colours {file} --key --background fixed=16 --threshold 8:16 --least-area 1500");
+    let options = format!("--colours {file} --key --background fixed=16 --threshold 8:16 --min-area 1500");
     let found = blobs(&options, &[photo(7), photo(8)]);
     // By looking at the photographs: rough centres of the red halves.
     let expected: [&[(f64, f64)]; 2] =

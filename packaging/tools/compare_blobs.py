@@ -93,7 +93,7 @@ def ours(vitreo, paths, case):
     least_area = 1 if spots else least_area
     background = "tracked" if ground is None else f"fixed={ground}"
     command = [vitreo, "blobs", "--grey", "--background", background, "--threshold", f"{low}:{high}",
-               "--least-area", str(least_area), "--polarity", "dark" if dark else "bright", *(["--spots"] if spots else []), *map(str, paths)]
+               "--min-area", str(least_area), "--polarity", "dark" if dark else "bright", *(["--spots"] if spots else []), *map(str, paths)]
     began = time.perf_counter()
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     spent = time.perf_counter() - began

@@ -32,7 +32,7 @@ pub enum Entry {
 #[derive(Debug, thiserror::Error)]
 pub enum JournalError {
     /// The operating system refused, or the file ends within an entry.
-    #[error("journal: {0}")]
+    #[error("journal: {}", in_words(.0))]
     Io(#[from] std::io::Error),
     /// Something else, or the journal of another build.
     #[error("journal: expected one of this build, found something else")]
@@ -45,6 +45,13 @@ pub enum JournalError {
         /// What is wrong.
         problem: String,
     },
+}
+
+fn in_words(problem: &std::io::Error) -> String {
+    match problem.kind() {
+        std::io::ErrorKind::UnexpectedEof => "ends within an entry, or is another file".into(),
+        _ => problem.to_string(),
+    }
 }
 
 fn schema() -> u64 {

@@ -19,13 +19,11 @@ pub const STATUS_NS: u64 = 4_000_000_000;
 /// Most small pictures a second.
 pub const MAX_PICTURES_HZ: f64 = 15.0;
 
-/// Draws the surgeon's stereo view.
+/// Draw the surgeon's stereo view.
 #[derive(Debug, Clone, clap::Parser)]
-#[command(name = "vitreo-renderer", mut_arg("full_screen", |arg| arg.requires("window")))]
+#[command(name = "vitreo-renderer", mut_arg("full_screen", |arg| arg.requires("window")),
+    mut_arg("force", |arg| arg.help_heading(None::<&str>)))]
 pub struct Config {
-    /// What every process takes.
-    #[command(flatten)]
-    pub shell: ShellArgs,
     /// The rig; gives the length of the instruments.
     #[command(flatten)]
     pub rig: RigArgs,
@@ -42,9 +40,8 @@ pub struct Config {
     /// last.png; a video of 25 pictures a second.
     #[command(flatten)]
     pub picture: PictureArgs,
-    /// A person works by mouse and keyboard: texts name keys; a click into the window takes the
-    /// mouse, Escape frees it.
-    #[arg(long)]
+    /// Control the instruments with mouse and keyboard: texts name keys, a click captures the mouse, Escape releases it.
+    #[arg(long, help_heading = None::<&str>)]
     pub desk: bool,
     /// Show a replay: each scene with the poses of its own instant, and the keys of a replay.
     #[arg(long, hide = true, conflicts_with = "desk")]
@@ -52,21 +49,24 @@ pub struct Config {
     /// `--force`.
     #[command(flatten)]
     pub force: outputs::Force,
-    /// Small pictures a second for console and recorder, 0 to 15.
+    /// Rate of the small pictures for console and recorder, 0 to 15 Hz.
     #[arg(long, value_name = "HZ", default_value_t = 2.0, value_parser = pictures_hz)]
     pub pictures_hz: f64,
     /// Niceness of the process; below 0 it needs a right, without which it stays as it is.
     #[arg(long, value_name = "N", hide = true, allow_negative_numbers = true, value_parser = clap::value_parser!(i32).range(-20..20))]
     pub niceness: Option<i32>,
     /// Begin at this quality tier, at which a predecessor was drawing.
-    #[arg(long, value_name = "N", hide = true, value_parser = clap::value_parser!(u32).range(0..crate::governor::TIERS.len() as i64))]
+    #[arg(long, value_name = "N", hide = true, value_parser = settings::commands::numbers::whole::<u32>(0, crate::governor::TIERS.len() as u64 - 1))]
     pub start_tier: Option<u32>,
     /// Prepare everything, then wait for a line on standard input before taking part.
     #[arg(long, conflicts_with = "window", hide = true)]
     pub standby: bool,
     /// Draw at this quality tier (0 is the best) instead of letting the governor choose.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..crate::governor::TIERS.len() as i64))]
+    #[arg(long, value_name = "N", value_parser = settings::commands::numbers::whole::<u32>(0, crate::governor::TIERS.len() as u64 - 1))]
     pub tier: Option<u32>,
+    /// Arguments of every process.
+    #[command(flatten)]
+    pub shell: ShellArgs,
 }
 
 impl Config {

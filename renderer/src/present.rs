@@ -21,7 +21,7 @@ pub enum PresentError {
     )]
     NoDisplay(String),
     /// The same, where a program shows pictures of its own.
-    #[error("no display for a window ({0}); have the picture written to a file instead")]
+    #[error("no display for a window ({0}); use -o FILE.png instead")]
     NoPictureWindow(String),
     /// The graphics driver.
     #[error(transparent)]

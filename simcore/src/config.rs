@@ -5,22 +5,22 @@ use ipc::shell::ShellArgs;
 use settings::commands::processes::{CollisionArgs, SceneArgs};
 use std::path::PathBuf;
 
-/// Collision and tissue of the vitreo eye.
+/// Simulate collisions and tissue of the eye.
 #[derive(Debug, Clone, clap::Parser)]
 #[command(name = "vitreo-simcore", version)]
 pub struct Args {
-    /// What every process takes.
-    #[command(flatten)]
-    pub shell: ShellArgs,
     /// The scene.
     #[command(flatten)]
     pub scene: SceneArgs,
     /// Back end of collision detection.
     #[command(flatten)]
     pub collision: CollisionArgs,
-    /// Journal to go on from: the newest checkpoint, and the inputs since.
+    /// Resume from this journal: its newest checkpoint and the inputs since.
     #[arg(long, value_name = "FILE")]
     pub resume: Option<PathBuf>,
+    /// Arguments of every process.
+    #[command(flatten)]
+    pub shell: ShellArgs,
 }
 
 impl Args {

@@ -119,5 +119,5 @@ fn a_table_that_contradicts_itself_or_its_file_is_refused_by_name() {
     let mut scene = SceneFile::load("peel").unwrap();
     scene.membrane.as_mut().unwrap().mesh = Some(MeshScene { pinned: Pinned::Nothing, ..mesh() });
     let both = SceneFile::parse(&scene.to_toml(), "both.toml").unwrap_err().to_string();
-    assert!(both.contains("no such key beside membrane.mesh"), "{both}");
+    assert!(both.contains("no such key with membrane.mesh"), "{both}");
 }

@@ -265,8 +265,8 @@ def refusals(store, recordings):
     cases = [
         ("a store that nobody may read", 1, "refuses it: 403 Forbidden", (one,), nobody),
         ("the same, all below", 1, "so are all 5 recordings", (f"s3://{BUCKET}/few/",), nobody),
-        ("a bucket that is not there", 1, "there is no bucket 'nowhere'", ("s3://nowhere/day/",), {}),
-        ("its place for results", 1, "there is no bucket 'nowhere'", (one, "--out", "s3://nowhere/scores"), {}),
+        ("a bucket that is not there", 1, "no such bucket: 'nowhere'", ("s3://nowhere/day/",), {}),
+        ("its place for results", 1, "no such bucket: 'nowhere'", (one, "--out", "s3://nowhere/scores"), {}),
         ("an object that is not there", 1, "no such object", (f"s3://{BUCKET}/none.mcap",), {}),
         ("nothing below a prefix", 1, "found none", (f"s3://{BUCKET}/none/",), {}),
         ("an address without a bucket", 2, "expected s3://BUCKET/KEY", ("s3:///day/a.mcap",), {}),

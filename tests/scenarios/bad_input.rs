@@ -94,7 +94,7 @@ fn a_part_that_a_recording_does_not_have_is_refused() {
     let replay = |args: &[&'static str]| [&["replay", golden.as_str()], args].concat();
     misused(&replay(&["--from", "1.5", "--until", "0.5"]), &["--until 0.5", "--from 1.5"]);
     misused(&replay(&["--until", "0"]), &["--until 0"]);
-    misused(&replay(&["--from", "100"]), &["--from 100", "peel-2s.mcap holds 1.", " s only"]);
+    misused(&replay(&["--from", "100"]), &["--from 100", "peel-2s.mcap is only 1.", " s long"]);
 }
 
 #[test]

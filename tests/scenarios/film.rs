@@ -29,7 +29,7 @@ fn a_film_has_every_picture_and_its_stills() {
     let how = ["--length", "0.4", "--tier", "8", "--every", "0.2"];
     let told =
         vitreo(&[&["film", "peeling", "-o", &film, "--stills", &stills][..], &how].concat()).expect_code(0);
-    assert!(told.stderr.contains("0.4 s: as long as asked for") && told.stdout.contains(&film), "{told:?}");
+    assert!(told.stderr.contains("0.4 s: reached --length") && told.stdout.contains(&film), "{told:?}");
     let bytes = std::fs::read(&film).expect("the film");
     let [w, h] = SIZE;
     assert!(bytes.starts_with(format!("YUV4MPEG2 W{w} H{h} F25:1 ").as_bytes()));
@@ -114,7 +114,7 @@ fn what_of_a_recording_cannot_be_drawn_is_refused() {
     };
     for (part, told) in [
         (&["--from", "1.5", "--until", "0.5"][..], "--until 0.5"),
-        (&["--from", "100"], "peel-2s.mcap holds 1."),
+        (&["--from", "100"], "peel-2s.mcap is only 1."),
         (&["--level", "1"], "--level"),
         (&["--from", "soon"], "--from"),
     ] {

@@ -42,7 +42,7 @@ impl Files {
         vitreo(&["import", "--rig", &rig, &blobs, "-o", &recording]).expect_code(0);
         ["1.json", "2.json"].map(|report| {
             let done = vitreo(&["replay", &recording, "--lockstep", "--report", &self.path(report)]);
-            let cause = done.stdout.lines().filter(|line| line.contains("px are left")).collect();
+            let cause = done.stdout.lines().filter(|line| line.contains("reprojection residual")).collect();
             (self.warnings_of(report), cause)
         })
     }

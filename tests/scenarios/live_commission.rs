@@ -29,7 +29,7 @@ fn steps_take_pictures_and_movements_from_pipes() {
     let from = record["from"].as_array().expect("sources");
     assert!(from.len() == 3 && from[2] == format!("y4m:{}", bench.text("c")), "{record}");
     // There is no board in them, and nothing moves; both is said, and nothing written.
-    let board = ["lenses", "--board", "9x6", "--every", "1", "--most", "9"];
+    let board = ["lenses", "--board", "9x6", "--every", "1", "--max-pictures", "9"];
     let lenses = step(&bench, &painted, &board);
     assert!(
         lenses.code == Some(1) && lenses.stderr.contains("camera 2 saw the board in 0 of "),

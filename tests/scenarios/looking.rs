@@ -88,7 +88,7 @@ fn sources_that_cannot_be_shown_are_refused_in_words() {
         ("v4l2:/dev/video0?gain=much", 2, "gain=NUMBER"),
         (&four, 1, "expected at most the rig's 3 cameras, found 4"),
         (&small, 1, "progressive pictures of 640×240 px"),
-        ("/bin/true", 1, "the pictures of a program cannot be shown"),
+        ("/bin/true", 2, "pictures of a program cannot be shown"),
     ] {
         let refused = vitreo(&["cameras", sources, "--duration", "2"]).expect_code(code);
         assert!(refused.stderr.contains(named), "{sources}: {}", refused.stderr);

@@ -73,7 +73,7 @@ fn a_source_that_never_delivers_is_named_and_its_run_fails() {
         let lines = || done.stderr.lines().filter(|line| line.contains(source.as_str()));
         let waits = |line: &str| line.contains(" from ") && line.contains(case.while_it_waits);
         assert!(lines().any(waits), "{source}: {done:?}");
-        let end = format!("the run had not one pose: nothing of use came from {source}");
+        let end = format!("no pose was computed in this run: nothing of use came from {source}");
         assert!(lines().any(|line| line.contains(&end)), "{source}: {done:?}");
     }
 }

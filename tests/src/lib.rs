@@ -358,7 +358,7 @@ mod tests {
         let missing =
             |n| format!("starting\nvitreo: {n} of 100 frames are missing although their fields arrived\n");
         assert_eq!(of(3, &missing(25)), Some(0));
-        assert_eq!(of(3, &format!("vitreo: kept as attempt 1 of t7\n{}", missing(6))), Some(0));
+        assert_eq!(of(3, &format!("vitreo: added as attempt 1 of t7\n{}", missing(6))), Some(0));
         assert_eq!(of(3, &missing(26)), Some(3), "too many");
         assert_eq!(of(1, &missing(6)), Some(1), "it failed besides");
         assert_eq!(of(3, "vitreo: the recording lacks 2 blocks\n"), Some(3), "another reason");

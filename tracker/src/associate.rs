@@ -16,7 +16,7 @@ use protocol::poses::EYE;
 
 /// Capacity for candidates; candidates beyond it are dropped.
 const MAX_CANDIDATES: usize = 4096;
-/// Associations alive at once: two of an update, and that of the update before.
+/// Size of the pool of associations: two of an update and the one of the previous update.
 const ASSOCIATIONS: usize = 3;
 
 /// A blob within the gate of a marker.

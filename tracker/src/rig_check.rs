@@ -35,7 +35,7 @@ pub enum RigDefect {
     },
     /// A camera is where only tips are.
     #[error(
-        "camera {camera} is {distance_mm:.2} mm from the eye's centre, inside of the workspace of tips: t is in mm, and \
+        "camera {camera} is {distance_mm:.2} mm from the eye's centre, inside the workspace of tips: t is in mm, and \
          leads from the world to the camera"
     )]
     CameraInside {
@@ -56,7 +56,7 @@ pub enum RigDefect {
         distance_mm: f64,
     },
     /// Two cameras have one pose.
-    #[error("cameras {first} and {second} have the same R and t: no two cameras stand in one place")]
+    #[error("cameras {first} and {second} have the same R and t: two cameras cannot be in one place")]
     CameraTwice {
         /// Camera id of one.
         first: u32,
@@ -74,7 +74,9 @@ pub enum RigDefect {
         degrees: f64,
     },
     /// The markers of a body are in metres.
-    #[error("all markers of {body} are within {reach_mm} mm of its origin: positions are in mm")]
+    #[error(
+        "all markers of {body} are within {reach_mm} mm of its origin: expected positions in mm, these look like metres"
+    )]
     InMetres {
         /// Name of the body.
         body: &'static str,
@@ -94,7 +96,7 @@ pub enum RigDefect {
         lever_mm: f64,
     },
     /// Two markers of a body have the same id.
-    #[error("{body} has marker id {id} twice")]
+    #[error("{body} has two markers with id {id}")]
     MarkerTwice {
         /// Name of the body.
         body: &'static str,
@@ -121,7 +123,7 @@ pub enum RigDefect {
     },
     /// A trocar is inside of the eye.
     #[error(
-        "the trocar of {body} is {distance_mm:.2} mm from the eye's centre, inside of the workspace of tips: no shaft can pass it"
+        "the trocar of {body} is {distance_mm:.2} mm from the eye's centre, inside the workspace of tips: no shaft can pass it"
     )]
     TrocarInside {
         /// Name of the body.
@@ -297,7 +299,7 @@ mod tests {
         });
         assert!(straight.contains("inst0") && straight.contains("roll"), "{straight}");
         let twice = broken(|rig| rig.bodies[1].markers[2].id = rig.bodies[1].markers[0].id);
-        assert!(twice.contains("inst1") && twice.contains("twice"), "{twice}");
+        assert!(twice.contains("inst1") && twice.contains("two markers with id"), "{twice}");
         let same = broken(|rig| rig.bodies[2].markers[3].p = rig.bodies[2].markers[1].p);
         assert!(same.contains("markers 1 and 3 of eye"), "{same}");
         let trocars = broken(|rig| rig.trocars.push(rig.trocars[0].clone()));

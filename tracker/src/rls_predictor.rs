@@ -183,8 +183,8 @@ impl<const L: usize> RlsPredictor<L> {
         self.next_floor = (self.next_floor + 1) % L;
     }
 
-    /// Learns a movement that the tip may begin at any time: what is seldom seen would else be predicted
-    /// by weights that only fit tremor.
+    /// Trains on a synthetic slow movement as well, so that tremor, which is always present, does not dominate the
+    /// weights.
     fn swing(&mut self) {
         let Some(swings) = &self.swings else { return };
         let Swing { bends, moved } = &swings[self.next_swing];

@@ -60,8 +60,8 @@ macro_rules! tunables {
 }
 
 tunables! {
-    sigma_x_px, "px", k::SIGMA_X_PX, 0.01..10.0, "standard deviation of the column of a blob of 1 px, where the stream gives none";
-    sigma_y_px, "px", k::SIGMA_Y_PX, 0.01..10.0, "the same of its line in the frame";
+    sigma_x_px, "px", k::SIGMA_X_PX, 0.01..10.0, "standard deviation of the column of a blob of 1 px, if the stream gives none";
+    sigma_y_px, "px", k::SIGMA_Y_PX, 0.01..10.0, "standard deviation of the line of a blob of 1 px, if the stream gives none";
     gate, "", k::GATE, 1.0..1000.0, "largest squared Mahalanobis distance of a blob from its predicted marker";
     gate_px, "px", k::GATE_PX, 1.0..200.0, "largest distance of a blob from its predicted marker";
     outlier, "", k::OUTLIER, 2.0..1000.0, "squared normalised residual above which a blob is an outlier of a fit";
@@ -70,16 +70,16 @@ tunables! {
     measured_mm, "mm", k::MEASURED_MM, 0.001..1.0, "largest standard deviation of a tip that counts as measured";
     measured_rad, "rad", k::MEASURED_RAD, 0.001..3.0, "largest standard deviation of a rotation that counts as measured";
     voluntary_mm_s2, "mm/s²", k::VOLUNTARY_MM_S2, 5.0..300.0, "initial standard deviation of the voluntary acceleration";
-    voluntary_tau_s, "s", k::VOLUNTARY_TAU_S, 0.1..2.0, "time constant of its lag";
-    voluntary_learning_s, "s", k::VOLUNTARY_LEARNING_S, 0.02..60.0, "time constant of the adaptation of its variance";
-    tremor_ripple_db, "dB", k::TREMOR_RIPPLE_DB, 0.01..6.0, "ripple of the tremor's bands";
+    voluntary_tau_s, "s", k::VOLUNTARY_TAU_S, 0.1..2.0, "time constant of the voluntary acceleration";
+    voluntary_learning_s, "s", k::VOLUNTARY_LEARNING_S, 0.02..60.0, "time constant of the adaptation of the voluntary acceleration's variance";
+    tremor_ripple_db, "dB", k::TREMOR_RIPPLE_DB, 0.01..6.0, "passband ripple of the tremor filter";
     tremor_learning_s, "s", k::TREMOR_LEARNING_S, 0.1..60.0, "time constant of the adaptation of the tremor's variance";
     turn_acceleration_rad_s2, "rad/s²", k::TURN_ACCELERATION_RAD_S2, 0.1..200.0, "standard deviation of the acceleration of an instrument's roll";
-    turn_acceleration_tau_s, "s", k::TURN_ACCELERATION_TAU_S, 0.01..10.0, "its time constant";
+    turn_acceleration_tau_s, "s", k::TURN_ACCELERATION_TAU_S, 0.01..10.0, "time constant of the acceleration of an instrument's roll";
     eye_acceleration_rad_s2, "rad/s²", k::EYE_ACCELERATION_RAD_S2, 0.001..20.0, "standard deviation of the acceleration of the eye's rotation";
-    eye_acceleration_tau_s, "s", k::EYE_ACCELERATION_TAU_S, 0.01..10.0, "its time constant";
-    drift_kept, "", k::DRIFT_KEPT, 0.5..1.0, "share of the evidence of drift that each solution keeps";
-    drift_step, "", k::DRIFT_STEP, 0.0..1.0, "gain of each solution on the rig; 0 trusts the rig file";
+    eye_acceleration_tau_s, "s", k::EYE_ACCELERATION_TAU_S, 0.01..10.0, "time constant of the acceleration of the eye's rotation";
+    drift_kept, "", k::DRIFT_KEPT, 0.5..1.0, "fraction of earlier drift evidence kept at each update";
+    drift_step, "", k::DRIFT_STEP, 0.0..1.0, "gain of each drift update on the rig; 0 trusts the rig file";
 }
 
 impl Default for Tuning {

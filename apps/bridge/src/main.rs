@@ -10,7 +10,7 @@ use std::process::ExitCode;
 /// What vitreo.toml says to this program: to the command that people type, under its own name.
 const SETTINGS: Program = Program { prefix: "", without: &[], elsewhere: None };
 
-/// Poses for other programs, and from them.
+/// Exchange poses with other programs.
 #[derive(Debug, clap::Parser)]
 #[command(name = "vitreo", version)]
 #[command(subcommand_negates_reqs = true)]
@@ -25,7 +25,7 @@ struct Args {
     /// The other tracker's server.
     #[arg(long, value_name = "igtl:HOST:PORT", hide = true, required = true)]
     from: Option<Server>,
-    /// Which of its transforms is which body.
+    /// File that maps its transforms to bodies.
     #[arg(long, value_name = "MAP.toml", hide = true)]
     map: Option<PathBuf>,
 }

@@ -50,7 +50,7 @@ pub struct CamerasArgs {
     #[arg(long, value_name = "FILE.mcap|DIR", requires = "cameras", help_heading = "Outputs")]
     pub record_fields: Option<PathBuf>,
     /// Stop after S seconds.
-    #[arg(long, value_name = "S", value_parser = crate::config::seconds, requires = "cameras")]
+    #[arg(long, value_name = "S", value_parser = crate::config::seconds, allow_negative_numbers = true, requires = "cameras")]
     pub duration: Option<f64>,
     /// Whether files that exist are written over.
     #[command(flatten)]

@@ -10,7 +10,7 @@ use settings::{Program, SettingsArgs};
 /// What vitreo.toml says to the sub-command; a process of a run reads no file.
 pub const SETTINGS: Program = Program { prefix: "", without: &[], elsewhere: None };
 
-/// Pictures from cameras of this machine, pipes and files as the live cameras of a rig.
+/// Read cameras, pipes or files as the live cameras of a rig.
 #[derive(Debug, Clone, clap::Parser)]
 #[command(name = "vitreo-cameras", version)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
@@ -18,9 +18,6 @@ pub struct Config {
     /// Sub-command, instead of running as a process.
     #[command(subcommand)]
     pub command: Option<Command>,
-    /// Arguments of every process.
-    #[command(flatten)]
-    pub shell: ShellArgs,
     /// Whether files of settings are read.
     #[command(flatten)]
     pub settings: SettingsArgs,
@@ -30,17 +27,20 @@ pub struct Config {
     /// The scene, whose tools are in the hands where no handles are connected.
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// The source of each camera of the rig, in its order: v4l2:/dev/videoN, a camera of this machine, or
-    /// genicam:NAME, one by GigE Vision or USB3 Vision, with ?exposure_us=2000&gain=4&trigger=external to
-    /// set it, or y4m:PATH, a pipe or a file, with ?parity=1 where its first field has the odd lines.
+    /// Sources in the order of the rig's cameras, separated by commas: v4l2:/dev/videoN for a camera of this machine;
+    /// genicam:NAME for GigE Vision or USB3 Vision, with settings such as ?exposure_us=2000&gain=4&trigger=external;
+    /// y4m:PATH for a pipe or file, with ?parity=1 if its first field has the odd lines.
     #[arg(long, value_name = "v4l2:DEVICE|genicam:NAME|y4m:PATH,...", required = true)]
     pub cameras: Option<Streams>,
     /// Leave these channels to another program of the run.
     #[arg(long, value_name = "handles,pedal", hide = true)]
     pub leave: Option<ControlChannels>,
-    /// Finish S seconds after all sources have brought their first picture.
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    /// Stop S seconds after the first picture of the last source.
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     pub duration: Option<f64>,
+    /// Arguments of every process.
+    #[command(flatten)]
+    pub shell: ShellArgs,
 }
 
 /// A length of time in seconds.

@@ -57,9 +57,9 @@ pub fn run(folder: &Folder, rig: &Rig, args: &CheckArgs) -> Result<(Outcome, boo
     let record = &mut outcome.record;
     let lacks = if view.missing.is_empty() { "nothing is missing" } else { "something is missing" };
     let fits = match (origin, holds) {
-        (None, _) => "not tried on a stream",
-        (_, true) => "the rig holds",
-        (_, false) => "the rig does not hold",
+        (None, _) => "not checked against a stream",
+        (_, true) => "the calibration is still valid",
+        (_, false) => "the calibration is no longer valid",
     };
     record.summary = format!("{lacks}; {fits}");
     Ok((outcome, holds && view.missing.is_empty()))
@@ -119,7 +119,7 @@ fn holds(folder: &Folder, rig: &Rig, origin: Origin<'_>, outcome: &mut Outcome) 
     }
     record.advice.extend(stream.advice());
     let fit = Fit::of(rig, &stream.fields);
-    record.figure("left of all blobs of the stream", fit.to_string());
+    record.figure("residual of all blobs of the stream", fit.to_string());
     let fits = fit.share >= LEAST_SHARE && fit.left_px <= LARGEST_LEFT_PX;
     if !fits {
         record.advice.push(format!(

@@ -21,24 +21,24 @@ pub const SETTINGS: Program = Program { prefix: "commission", without: &[], else
 #[derive(Debug, Clone, clap::Parser)]
 #[command(name = "vitreo-commission", version)]
 pub struct CommissionArgs {
-    /// Logging.
-    #[command(flatten)]
-    pub log: LogArgs,
-    /// Whether files of settings are read.
-    #[command(flatten)]
-    pub settings: SettingsArgs,
     /// Folder of the rig, with rig.json, colours.toml, pictures and report.html; created if missing.
     #[arg(value_name = "FOLDER")]
     pub folder: PathBuf,
     /// Rig to start from: picture sizes of the cameras, markers, approximate positions [default: the shipped rig].
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
-    /// Do a step again that was done; what is there stays where it is better.
+    /// Repeat a completed step; a previous result that is better is kept.
     #[command(flatten)]
     pub force: Force,
     /// What to do.
     #[command(subcommand)]
     pub task: Option<Task>,
+    /// Whether files of settings are read.
+    #[command(flatten)]
+    pub settings: SettingsArgs,
+    /// Logging.
+    #[command(flatten)]
+    pub log: LogArgs,
 }
 
 /// The steps.

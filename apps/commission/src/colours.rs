@@ -79,7 +79,7 @@ pub fn run(folder: &Folder, rig: &Rig, args: &PicturesArgs) -> Result<Outcome> {
 fn load(rig: &Rig, args: &PicturesArgs) -> Result<Vec<Shown>> {
     let ids: Vec<u32> = rig.cameras.iter().map(|c| c.id).collect();
     // A few pictures of each camera say all that there is to say.
-    let args = PicturesArgs { most: args.most.min(8), ..args.clone() };
+    let args = PicturesArgs { max_pictures: args.max_pictures.min(8), ..args.clone() };
     let mut shown = Vec::new();
     args.each(rig, &args.feeds(&ids)?, &mut |camera, _, file, picture| {
         if let Some(own) = rig.cameras.iter().find(|c| c.id == camera) {
@@ -89,7 +89,7 @@ fn load(rig: &Rig, args: &PicturesArgs) -> Result<Vec<Shown>> {
         Ok(())
     })?;
     refuse(Vec::from_iter(shown.is_empty().then(|| {
-        format!("there is no whole picture in {}: record longer, or use --every 1", args.names().join(", "))
+        format!("{} contains no complete picture: record longer, or use --every 1", args.names().join(", "))
     })))?;
     Ok(shown)
 }

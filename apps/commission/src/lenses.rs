@@ -26,16 +26,16 @@ pub const LARGEST_DOUBT: f64 = 0.01;
 /// Arguments of the step.
 #[derive(Debug, Clone, clap::Args)]
 pub struct LensesArgs {
-    /// The board.
-    #[command(flatten)]
-    pub board: BoardArgs,
     /// The pictures.
     #[command(flatten)]
     pub pictures: PicturesArgs,
-    /// Distortion terms fixed at 0; none calibrates all.
+    /// The board.
+    #[command(flatten)]
+    pub board: BoardArgs,
+    /// Distortion terms fixed at 0, such as k2,k3; none frees all.
     #[arg(
         long, value_delimiter = ',', value_name = "TERMS", default_value = "k3",
-        value_parser = ["k1", "k2", "p1", "p2", "k3", "none"]
+        value_parser = ["k1", "k2", "p1", "p2", "k3", "none"], help_heading = "Solver"
     )]
     pub without: Vec<String>,
 }
@@ -77,7 +77,7 @@ pub fn run(rig: &Rig, args: &LensesArgs) -> Result<Outcome> {
     outcome
         .record
         .advice
-        .extend(others.map(|c| format!("camera {}: no pictures; its lens stays as it was", c.id)));
+        .extend(others.map(|c| format!("camera {}: no pictures; its lens is unchanged", c.id)));
     outcome.rig = Some(new);
     Ok(outcome)
 }

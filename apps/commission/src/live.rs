@@ -27,7 +27,7 @@ pub struct LiveArgs {
     #[arg(long, value_name = "SPEC,...", value_delimiter = ',', conflicts_with = "from")]
     pub cameras: Vec<Stream>,
     /// Watch live cameras for S seconds.
-    #[arg(long, value_name = "S", default_value_t = SECONDS, value_parser = seconds)]
+    #[arg(long, value_name = "S", default_value_t = SECONDS, value_parser = seconds, allow_negative_numbers = true)]
     pub seconds: f64,
 }
 

@@ -56,7 +56,7 @@ fn section(record: &Record, picture: &dyn Fn(&str) -> Option<Vec<u8>>, out: &mut
                  </figure>",
                 base64(&bytes)
             ),
-            None => writeln!(out, "<p>{caption}: {} is not there</p>", escaped(name)),
+            None => writeln!(out, "<p>{caption}: {} is missing</p>", escaped(name)),
         };
     }
 }
@@ -74,7 +74,7 @@ mod tests {
         state.steps.insert(Step::Colours, record);
         let page = of(&state, &|_| None);
         assert!(page.contains("<b>5 colours</b>") && page.contains("camera 2: &lt;closer&gt;"), "{page}");
-        assert!(page.contains("gone.png is not there"), "{page}");
+        assert!(page.contains("gone.png is missing"), "{page}");
         assert_eq!(page.matches("not done yet").count(), 4, "{page}");
     }
 }

@@ -47,16 +47,19 @@ pub struct PicturesArgs {
     pub cameras: Vec<Stream>,
     /// Use every Nth picture of clips and live cameras.
     #[arg(
-        long, value_name = "N", default_value_t = 25, value_parser = clap::value_parser!(u64).range(1..=100_000),
+        long, value_name = "N", default_value_t = 25, value_parser = settings::commands::numbers::whole::<u64>(1, 100_000),
         help_heading = "Pictures"
     )]
     pub every: u64,
     /// Use at most N pictures per camera; live capture then stops.
-    #[arg(long, value_name = "N", default_value_t = 40, value_parser = most, help_heading = "Pictures")]
-    pub most: usize,
+    #[arg(
+        long, alias = "most", value_name = "N", default_value_t = 40, value_parser = max_pictures,
+        help_heading = "Pictures"
+    )]
+    pub max_pictures: usize,
 }
 
-fn most(text: &str) -> Result<usize, String> {
+fn max_pictures(text: &str) -> Result<usize, String> {
     let number = text.parse().ok().filter(|n| (1..=MOST).contains(n));
     number.ok_or_else(|| format!("expected 1 to {MOST}"))
 }
@@ -186,7 +189,7 @@ impl PicturesArgs {
     /// A picture that cannot be read; those of `look`.
     pub fn each(&self, rig: &Rig, feeds: &[Feed], look: &mut Look<'_>) -> Result<()> {
         if !self.cameras.is_empty() {
-            let choice = Choice { every: self.every, most: self.most };
+            let choice = Choice { every: self.every, most: self.max_pictures };
             return live::pictures(rig, &self.cameras, choice, look);
         }
         let reading = Reading { interlace: Some(Interlace::Progressive), ..Reading::default() };
@@ -205,7 +208,7 @@ impl PicturesArgs {
                 Kind::Live => continue,
             };
             // Spread over all where there are more.
-            let used = self.most.min(views.len());
+            let used = self.max_pictures.min(views.len());
             let chosen: Vec<_> = (0..used).map(|i| i * views.len() / used).collect();
             for (_, (view, path)) in views.iter().enumerate().filter(|(i, _)| chosen.contains(i)) {
                 let mut source = Source::open(std::slice::from_ref(path), None, &reading)?;
@@ -227,7 +230,7 @@ impl PicturesArgs {
             let (view, file) = (format!("{:04}", number / self.every), path.display());
             look(camera, &view, &format!("{file}, camera {camera}, picture {number}"), &picture)?;
             used += 1;
-            if used == self.most {
+            if used == self.max_pictures {
                 break;
             }
         }
@@ -244,7 +247,7 @@ impl PicturesArgs {
         let paths: Vec<PathBuf> = clips.iter().map(|c| c.1.clone()).collect();
         let mut source = Source::open(&paths, None, reading)?;
         let mut fields: Vec<Fields> = clips.iter().map(|(id, _)| Fields::of(rig, *id)).collect();
-        let last = self.every * (self.most as u64 - 1);
+        let last = self.every * (self.max_pictures as u64 - 1);
         while let Some(shot) = source.take()? {
             let (clip, picture) = (shot.head.cam as usize, shot.view.picture);
             let are_fields = fields[clip].size_px == Some([picture.width, picture.height]);
@@ -352,8 +355,12 @@ mod tests {
             std::fs::write(path, "").unwrap();
         };
         ["cam0/1.png", "cam0/2.png", "cam1/1.png", "notes.txt"].iter().for_each(|name| write(name));
-        let args =
-            PicturesArgs { from: vec![folder.path().into()], most: 9, every: 1, ..PicturesArgs::default() };
+        let args = PicturesArgs {
+            from: vec![folder.path().into()],
+            max_pictures: 9,
+            every: 1,
+            ..PicturesArgs::default()
+        };
         let feeds = args.feeds(&[0, 1]).unwrap();
         let views = |i: usize| match &feeds[i].kind {
             Kind::Stills(views) => views.keys().cloned().collect::<Vec<_>>(),
@@ -376,7 +383,7 @@ mod tests {
         );
     }
 
-    /// Two pipes are read in turns, one picture in `every`, and left after `most`.
+    /// Two pipes are read in turns, one picture in `every`, and left after `max_pictures`.
     #[test]
     fn clips_take_turns() {
         let folder = tempfile::tempdir().unwrap();
@@ -388,7 +395,7 @@ mod tests {
             path
         };
         let from = vec![clip("cam4.y4m", 30), clip("cam5.y4m", 100)];
-        let args = PicturesArgs { from, most: 3, every: 2, ..PicturesArgs::default() };
+        let args = PicturesArgs { from, max_pictures: 3, every: 2, ..PicturesArgs::default() };
         let mut seen = Vec::new();
         let rig = Rig::load_or_shipped(None).unwrap();
         args.each(&rig, &args.feeds(&[4, 5]).unwrap(), &mut |camera, view, file, picture| {
@@ -414,7 +421,7 @@ mod tests {
             .concat();
         let path = folder.path().join("cam0.y4m");
         std::fs::write(&path, clip).unwrap();
-        let args = PicturesArgs { from: vec![path], most: 3, every: 2, ..PicturesArgs::default() };
+        let args = PicturesArgs { from: vec![path], max_pictures: 3, every: 2, ..PicturesArgs::default() };
         let mut seen = Vec::new();
         args.each(&rig, &args.feeds(&[0]).unwrap(), &mut |_, view, _, picture| {
             assert_eq!([picture.width, picture.height], [16, 8]);

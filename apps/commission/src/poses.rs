@@ -40,15 +40,15 @@ const BESIDE: (f64, f64) = (5.0, 0.1);
 /// Arguments of the step.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PosesArgs {
-    /// The board.
-    #[command(flatten)]
-    pub board: BoardArgs,
     /// Pictures of the board, or one stream (.mcap, .jsonl) of waved instruments. A recording of pixels and live cameras
     /// show waved instruments where no board is given.
     #[command(flatten)]
     pub pictures: PicturesArgs,
+    /// The board.
+    #[command(flatten)]
+    pub board: BoardArgs,
     /// Watch waved instruments for S seconds, with --cameras and without a board.
-    #[arg(long, value_name = "S", default_value_t = SECONDS, value_parser = seconds)]
+    #[arg(long, value_name = "S", default_value_t = SECONDS, value_parser = seconds, allow_negative_numbers = true, help_heading = "Pictures")]
     pub seconds: f64,
 }
 
@@ -232,7 +232,7 @@ fn waved(folder: &Folder, rig: &Rig, origin: Origin<'_>) -> Result<Outcome> {
         format!("{:.0} s of waved instruments: residuals {:.3} px", stream.seconds, report.rms_px);
     told(&report, record);
     record.figure(
-        "left of the blobs of the other half of the stream",
+        "residual of the blobs of the held-out half of the stream",
         format!("{held_out}; with the previous rig {before}"),
     );
     record.advice.extend(stream.advice());

@@ -103,7 +103,7 @@ fn recentred(rig: &Rig, new: Rig, mut moved: Rig, stream: &Stream, record: &mut 
     // Trocars are in the eye's frame, and move with its origin; so do those that were put back.
     restore(&new, &mut moved, rig);
     let [fit, before] = [&moved, &new].map(|rig| Fit::of(rig, &stream.fields));
-    record.figure("left of all blobs, the origin moved there", format!("{fit}; before {before}"));
+    record.figure("residual of all blobs with the origin moved there", format!("{fit}; before {before}"));
     if fit.left_px > before.left_px {
         record.notes.push("the world's origin is kept: with it moved, the blobs fit worse".into());
         return new;

@@ -9,7 +9,7 @@ use settings::{Program, SettingsArgs};
 /// What vitreo.toml says to the sub-commands; a process of a run reads no file.
 pub const SETTINGS: Program = Program { prefix: "", without: &[], elsewhere: None };
 
-/// A foot pedal and handles of this machine.
+/// Read a foot pedal and the handles of the instruments.
 #[derive(Debug, Clone, clap::Parser)]
 #[command(name = "vitreo-controls", version)]
 #[command(args_conflicts_with_subcommands = true)]
@@ -17,9 +17,6 @@ pub struct Config {
     /// Sub-command, instead of running as a process.
     #[command(subcommand)]
     pub command: Option<Command>,
-    /// Arguments of every process.
-    #[command(flatten)]
-    pub shell: ShellArgs,
     /// Whether files of settings are read.
     #[command(flatten)]
     pub settings: SettingsArgs,
@@ -32,6 +29,9 @@ pub struct Config {
     /// The devices.
     #[command(flatten)]
     pub controls: ControlsArgs,
+    /// Arguments of every process.
+    #[command(flatten)]
+    pub shell: ShellArgs,
 }
 
 #[cfg(test)]

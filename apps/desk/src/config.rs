@@ -3,13 +3,10 @@
 use ipc::shell::ShellArgs;
 use settings::commands::processes::{DeskArgs, GAMEPAD, MOUSE, RigArgs, SceneArgs};
 
-/// Moves two instruments by mouse, keyboard or gamepad.
+/// Move two instruments by mouse, keyboard or gamepad.
 #[derive(Debug, Clone, clap::Parser)]
 #[command(name = "vitreo-desk", version)]
 pub struct Config {
-    /// What every process takes.
-    #[command(flatten)]
-    pub shell: ShellArgs,
     /// The rig; its trocars are where the shafts pass.
     #[command(flatten)]
     pub rig: RigArgs,
@@ -19,6 +16,9 @@ pub struct Config {
     /// What a person works with.
     #[command(flatten)]
     pub desk: DeskArgs,
+    /// Arguments of every process.
+    #[command(flatten)]
+    pub shell: ShellArgs,
 }
 
 impl Config {

@@ -1,6 +1,6 @@
 //! `vitreo budgets`: compares the reports of several runs with their latency budgets.
 
-use crate::exit::BUDGET;
+use crate::exit::{BUDGET, WrongUse};
 use crate::run::{Judged, Load, NO_LOAD};
 use anyhow::{Context, ensure};
 use outputs::println;
@@ -19,9 +19,9 @@ pub struct BudgetsArgs {
     /// Number of reports that must keep all budgets [default: all of them].
     #[arg(long, value_name = "N")]
     pub at_least: Option<usize>,
-    /// Excuse overruns that the load of other programs explains. If they took the fraction s of the processors'
-    /// time, times up to budget / (1 − s) are excused, and frames below the lowest permitted tier up to the fraction
-    /// s of all. A report that contains no load is excused nothing.
+    /// Excuse overruns that the load of other programs explains: if they used a fraction s of the processors, latencies
+    /// up to budget / (1 − s) pass, and up to a fraction s of the frames may fall below the lowest permitted tier.
+    /// Reports without load data get no allowance.
     #[arg(long)]
     pub forgive_load: bool,
     /// Print one sentence per report, without tables.
@@ -113,9 +113,19 @@ impl Report {
         let broken: Vec<String> = self.broken().map(|s| s.blame(self.load)).collect();
         let broken = broken.join("; ");
         match self.verdict() {
-            Verdict::Kept => format!("every latency budget was kept{}; {load}", self.rendering()),
-            Verdict::Explained => format!("BROKEN, no further than the load explains ({load}): {broken}"),
-            Verdict::Broken => format!("BROKEN by the program itself ({load}): {broken}"),
+            Verdict::Kept => format!("{} met{}; {load}", self.checked(), self.rendering()),
+            Verdict::Explained => format!("EXCEEDED, by no more than the load explains ({load}): {broken}"),
+            Verdict::Broken => format!("EXCEEDED, and the load does not explain it ({load}): {broken}"),
+        }
+    }
+
+    /// The budgets that were checked, and stages without samples, as the subject of a sentence.
+    fn checked(&self) -> String {
+        let idle = self.stages.iter().filter(|s| s.verdict == "no-samples").map(|s| s.stage.as_str());
+        let idle = idle.collect::<Vec<_>>().join(", ");
+        match idle.is_empty() {
+            true => "all latency budgets were".into(),
+            false => format!("all checked latency budgets (no samples: {idle}) were"),
         }
     }
 
@@ -171,8 +181,9 @@ impl Stage {
 
     /// The exceeded figures of the stage, and their limits under the measured load.
     fn blame(&self, load: Option<Load>) -> String {
-        let beside =
-            |budget| load.map_or(String::new(), |l| format!(" ({:.1} beside it)", l.allowed_ms(budget)));
+        let beside = |budget| {
+            load.map_or(String::new(), |l| format!(" ({:.1} under this load)", l.allowed_ms(budget)))
+        };
         let mut told = vec![];
         if self.budget_ms > 0.0 && self.judged_ms > self.budget_ms {
             let Stage { percentile, judged_ms, budget_ms, violations, count, .. } = self;
@@ -209,7 +220,11 @@ impl Stage {
 pub fn run(args: &BudgetsArgs) -> anyhow::Result<ExitCode> {
     let reports = args.reports.iter().map(|f| Report::read(f)).collect::<anyhow::Result<Vec<_>>>()?;
     let asked = args.at_least.unwrap_or(reports.len());
-    ensure!(asked <= reports.len(), "--at-least {asked}: only {} reports are given", reports.len());
+    if asked > reports.len() {
+        let problem =
+            format!("--at-least {asked}: expected at most the number of reports, {}", reports.len());
+        return Err(WrongUse(problem).into());
+    }
     let of = |wanted| reports.iter().filter(|r| r.verdict() == wanted).count();
     let (kept, explained) = (of(Verdict::Kept), if args.forgive_load { of(Verdict::Explained) } else { 0 });
     if !args.brief {
@@ -221,14 +236,14 @@ pub fn run(args: &BudgetsArgs) -> anyhow::Result<ExitCode> {
     }
     if !args.brief {
         let forgiven = if args.forgive_load { format!(", {explained} forgiven") } else { String::new() };
-        println!("all budgets kept in {kept} of {} runs{forgiven}, asked {asked}", reports.len());
+        println!("all budgets met in {kept} of {} runs{forgiven}; {asked} required", reports.len());
     }
     Ok(if kept + explained >= asked { ExitCode::SUCCESS } else { ExitCode::from(BUDGET) })
 }
 
 fn print_table(files: &[PathBuf], reports: &[Report]) {
     let names: Vec<&str> = reports[0].stages.iter().map(|s| s.stage.as_str()).collect();
-    println!("latency at the judged percentile / its budget, ms (! is over it)");
+    println!("latency at the judged percentile / its budget, ms (! marks values over budget)");
     println!("tiers: quality tiers of the picture, the one with the most frames first; 0 is the best");
     println!("{:<24}{:>8}{}", "run", "tiers", names.iter().map(|n| format!("{n:>15}")).collect::<String>());
     for (file, report) in files.iter().zip(reports) {
@@ -284,23 +299,32 @@ mod tests {
         for blamed in [&beyond, &own, &unknown] {
             assert!(!code(&[&good, blamed], None, true).unwrap(), "{}", blamed.display());
         }
-        assert!(code(&[&good], Some(2), false).unwrap_err().to_string().contains("only 1"));
+        assert!(
+            code(&[&good], Some(2), false)
+                .unwrap_err()
+                .to_string()
+                .contains("at most the number of reports, 1")
+        );
         for (path, begins, holds) in [
             (
                 &good,
-                "every latency budget was kept",
+                "all latency budgets were met",
                 "p50 7.9, p99 12.0 of 15 ms at quality tiers 6 (67 % of the frames), 5 (33 % of the frames); 0 is the \
                  best; other programs",
             ),
             (
                 &explained,
-                "BROKEN, no further than the load explains (other programs took 25 %",
-                "19.9 of 15 ms (20.0 beside it)",
+                "EXCEEDED, by no more than the load explains (other programs took 25 %",
+                "19.9 of 15 ms (20.0 under this load)",
             ),
-            (&beyond, "BROKEN by the program itself", "20.1 of 15 ms (20.0 beside it), 3 of 90 over"),
+            (
+                &beyond,
+                "EXCEEDED, and the load does not explain it",
+                "20.1 of 15 ms (20.0 under this load), 3 of 90 over",
+            ),
             (
                 &unknown,
-                "BROKEN by the program itself (the machine's other load is unknown)",
+                "EXCEEDED, and the load does not explain it (the machine's other load is unknown)",
                 "15.5 of 15 ms, 3",
             ),
         ] {

@@ -63,20 +63,20 @@ const FLOOR_S: f64 = 60.0;
 #[derive(Debug, Clone, clap::Args)]
 #[command(mut_arg("force", |arg| arg.help_heading("Outputs")))]
 pub struct CertifyArgs {
-    /// Cameras, markers and trocars [default: the shipped rig of 200 Hz].
+    /// Rig file: cameras, markers and trocars [default: the shipped 200 Hz rig].
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
     /// Duration of the measurement in real time, s [default: 120].
-    #[arg(long, value_name = "S", value_parser = positive, conflicts_with_all = ["triples", "long"])]
+    #[arg(long, value_name = "S", value_parser = positive, allow_negative_numbers = true, conflicts_with_all = ["triples", "long"])]
     pub duration: Option<f64>,
     /// Duration of the measurement in triples (one field of each camera) instead of seconds.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST), conflicts_with = "long")]
+    #[arg(long, value_name = "N", value_parser = settings::commands::numbers::whole::<u64>(1, MOST), conflicts_with = "long")]
     pub triples: Option<u64>,
     /// Long measurement: 30 minutes in real time, and a million triples with --at-speed.
     #[arg(long)]
     pub long: bool,
-    /// Send N more triples as fast as they are tracked, only to count lost ones [default: 0].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=MOST))]
+    /// Then send N more triples as fast as the tracker accepts them, and count lost ones [default: 0].
+    #[arg(long, value_name = "N", value_parser = settings::commands::numbers::whole::<u64>(0, MOST))]
     pub at_speed: Option<u64>,
     /// Load during the measurement: all (stress-ng on every processor, or busy threads if it is not installed) or none.
     #[arg(long, value_enum, value_name = "all|none", default_value_t = Beside::All, hide_possible_values = true)]

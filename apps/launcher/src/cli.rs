@@ -13,12 +13,12 @@ use std::process::ExitCode;
 #[derive(Debug, Parser)]
 #[command(name = "vitreo", version, about, arg_required_else_help = true)]
 pub struct Cli {
-    /// Logging, of this program and of those that it starts.
-    #[command(flatten)]
-    pub log: LogArgs,
     /// Whether files of settings are read.
     #[command(flatten)]
     pub settings: SettingsArgs,
+    /// Logging, of this program and of those that it starts.
+    #[command(flatten)]
+    pub log: LogArgs,
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
@@ -45,7 +45,7 @@ pub enum Command {
     Blobs(ForwardArgs),
     /// Learn, show and check colour classes.
     Colours(ForwardArgs),
-    /// Print registers and memories of the camera hardware.
+    /// Print registers, memories and clocks of the camera hardware.
     Hardware(ForwardArgs),
     /// Write test vectors for the camera hardware.
     Vectors(ForwardArgs),

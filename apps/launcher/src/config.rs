@@ -122,7 +122,7 @@ fn show(json: bool, mut line: Command, files: &Files) -> anyhow::Result<()> {
         return Ok(());
     }
     for path in &files.paths {
-        println!("# {}: {}", path.display(), if path.exists() { "read" } else { "not there" });
+        println!("# {}: {}", path.display(), if path.exists() { "read" } else { "not found" });
     }
     print!("{}", table(&settings));
     Ok(())

@@ -63,7 +63,7 @@ pub fn run(args: &CtlArgs) -> anyhow::Result<ExitCode> {
 async fn request(args: &CtlArgs) -> anyhow::Result<ExitCode> {
     let name = &args.instance;
     if !instance_directory(name)?.join("nodes").exists() {
-        bail!("no simulator runs as '{name}'; vitreo run --instance {name} starts one");
+        bail!("no simulator named '{name}' is running; start one with: vitreo run --instance {name}");
     }
     let instance = Instance::join(name)?;
     let mut answers = instance.receiver::<Answer>(Queue::InOrder)?;

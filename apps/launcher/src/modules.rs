@@ -11,10 +11,10 @@ use surgeon::skill::{SKILLS, Skill, named};
 #[derive(Debug, clap::Args)]
 pub struct ModulesArgs {
     /// Print the scene of one level of this module, with the expert's script, as a run reads it.
-    #[arg(long, value_name = "NAME|FOLDER")]
+    #[arg(long, value_name = "MODULE|FOLDER")]
     pub scene: Option<String>,
     /// Level of the module, from 1.
-    #[arg(long, default_value_t = 1, requires = "scene")]
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "scene")]
     pub level: u32,
     /// Print JSON.
     #[arg(long, conflicts_with = "scene")]

@@ -42,7 +42,7 @@ impl Report {
         for (name, Finding { compared, problems, first }) in self.findings() {
             match problems {
                 0 => println!("  {name:<9} ok      {compared} compared"),
-                _ => println!("  {name:<9} WRONG   {problems}, of {compared} compared"),
+                _ => println!("  {name:<9} WRONG   {problems} of {compared}"),
             }
             first.iter().filter(|text| !text.is_empty()).for_each(|text| println!("            {text}"));
         }

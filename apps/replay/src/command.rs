@@ -319,7 +319,7 @@ fn print(figures: &Figures) {
         println!("the recording has gaps; the first: {lost}");
     }
     if figures.unclosed && figures.damage.is_none() {
-        warn("the recording was not closed properly: what it holds to its end was replayed");
+        warn("the recording was not closed properly: it was replayed up to its last complete record");
     }
     for warning in &figures.warnings {
         let to = warning.to_s.map_or("the end".into(), |s| format!("{s:.0} s"));

@@ -78,9 +78,9 @@ pub fn run(args: &CutArgs) -> anyhow::Result<ExitCode> {
         Source::Live => of_run(args, &recording, &output, &stop)?,
         Source::Import => of_stream(args, &recording, &output, &stop)?,
     };
-    ensure!(items > 0, "{}: holds nothing in that part", args.file.display());
+    ensure!(items > 0, "{}: contains nothing in that part", args.file.display());
     let files = output.appear()?;
-    inform(&format!("{items} messages"));
+    inform(&format!("{items} messages written"));
     files.iter().for_each(|file| println!("{}", file.display()));
     let Some(lost) = lost else { return Ok(ExitCode::SUCCESS) };
     warn(&lost);
@@ -111,7 +111,7 @@ fn of_run(
         let world = World::new(&scene_of(recording)?).context("scene")?.unseen();
         let mut player = Player::new(index::open(recording, stop)?, world)?;
         let arrival = player.seek(Target::Exposed(exposed[0]))?;
-        let Some(at) = arrival.at else { bail!("{}: holds no step there", args.file.display()) };
+        let Some(at) = arrival.at else { bail!("{}: contains no step there", args.file.display()) };
         if let Some(lost) = arrival.lost.filter(|_| arrival.left_out > 0) {
             bail!("{}: the recording does not determine that part: {lost}", args.file.display());
         }

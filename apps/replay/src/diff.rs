@@ -53,7 +53,7 @@ pub fn run(args: &DiffArgs) -> anyhow::Result<ExitCode> {
     let [a, b] = read(&args.a, &args.b, !args.quick)?;
     let mut comparison = Comparison::recorded(&a, &b, args.tolerance);
     for (side, name) in [(&a, "A"), (&b, "B")] {
-        side.losses.iter().take(1).for_each(|loss| warn(&format!("{name} is not whole: {loss}")));
+        side.losses.iter().take(1).for_each(|loss| warn(&format!("{name} is incomplete: {loss}")));
     }
     let shows = args.json.as_deref() != Some(Path::new(STDOUT));
     if shows {

@@ -117,7 +117,7 @@ impl Tables {
             let whole = poses.into_inner();
             if self.counts[0] == 0 {
                 bail!(
-                    "{file} holds no poses; `vitreo replay {file} --lockstep --poses OUT.csv` computes them"
+                    "{file} contains no poses; `vitreo replay {file} --lockstep --poses OUT.csv` computes them"
                 );
             }
             whole.finish()?;
@@ -127,12 +127,12 @@ impl Tables {
         }
         let empty = self.trajectories.map(Trajectories::finish).transpose()?.unwrap_or_default();
         if !empty.is_empty() {
-            warn(&format!("{file} holds no measured pose of {}", empty.join(", ")));
+            warn(&format!("{file} contains no measured pose of {}", empty.join(", ")));
         }
         if let Some((topic, out)) = self.table {
             out.finish()?;
             if self.counts[2] == 0 {
-                warn(&format!("{file} holds nothing on topic {topic}"));
+                warn(&format!("{file} contains nothing on topic {topic}"));
             }
         }
         Ok(())

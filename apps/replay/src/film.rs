@@ -113,7 +113,7 @@ mod tests {
         for (words, told) in [
             (&[golden.as_str(), "--level", "2"][..], "--level"),
             (&[&golden, "--surgeon", "expert"], "--surgeon"),
-            (&[&golden, "--length", "2"], "--until"),
+            (&[&golden, "--length", "2"], "--length"),
             (&[&golden, "--seed", "2"], "--seed"),
             (&[&golden, "--from", "1", "--until", "0.5"], "--until 0.5"),
             (&[&golden, "--from", "60"], "--from 60"),

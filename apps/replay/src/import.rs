@@ -53,10 +53,10 @@ pub fn run(args: &ImportArgs) -> anyhow::Result<ExitCode> {
     let stream = BlobReader::open(&args.blobs)?;
     let output = NewRecording::begin(&args.output, &args.writing, &mut outputs)?;
     let imported = copy(stream, &rig, &output, &provenance)?;
-    ensure!(imported.fields > 0, "blob stream {}: holds no field", args.blobs.display());
+    ensure!(imported.fields > 0, "blob stream {}: contains no field", args.blobs.display());
     output.appear()?;
     let Imported { fields, blobs, .. } = imported;
-    inform(&format!("{}: {fields} camera-fields, {blobs} blobs", args.output.display()));
+    inform(&format!("{}: {fields} camera-fields with {blobs} blobs written", args.output.display()));
     imported.warnings().iter().for_each(|text| warn(text));
     Ok(ExitCode::SUCCESS)
 }
@@ -173,7 +173,7 @@ mod tests {
         for text in ["", "\n\n"] {
             std::fs::write(&args.blobs, text).unwrap();
             let error = format!("{:#}", run(&args).unwrap_err());
-            assert!(error.contains("b.jsonl: holds no field"), "{error}");
+            assert!(error.contains("b.jsonl: contains no field"), "{error}");
             assert!(!args.output.exists());
         }
     }

@@ -173,7 +173,7 @@ impl Contents {
     fn print(&self) {
         let state = match (&self.damage, self.finished) {
             (Some(damage), _) => damage.clone(),
-            (None, true) => "whole".into(),
+            (None, true) => "complete".into(),
             (None, false) => NOT_CLOSED.into(),
         };
         println!("{}", self.file);

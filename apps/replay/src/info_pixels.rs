@@ -81,7 +81,7 @@ impl Contents {
     fn print(&self) {
         let state = match (&self.damage, self.finished) {
             (Some(damage), _) => damage,
-            (None, true) => "whole",
+            (None, true) => "complete",
             (None, false) => NOT_CLOSED,
         };
         println!("{}", self.file);

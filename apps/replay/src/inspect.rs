@@ -51,12 +51,10 @@ pub fn run(args: &InspectArgs) -> anyhow::Result<ExitCode> {
         Ok(ControlFlow::Continue(()))
     })?;
     let picture = match (args.field, view, span) {
-        (_, _, None) => bail!("{}: holds no tracker frame", args.file.display()),
+        (_, _, None) => bail!("{}: contains no tracker frame", args.file.display()),
         (Some(field), None, Some([low, high])) => {
-            let holds = format!("it holds fields {low} to {high}");
-            return Err(
-                WrongUse(format!("{}: no frame of field {field}; {holds}", args.file.display())).into()
-            );
+            let holds = format!("it contains fields {low} to {high}");
+            return Err(WrongUse(format!("{}: no field {field}; {holds}", args.file.display())).into());
         }
         (Some(_), Some(seen), _) => {
             bytes(&field_view::FieldView { seen: &seen, size_px: None, alone: None }, format)?

@@ -36,7 +36,7 @@ pub fn run(args: &ReplayArgs, recording: &Recording, stop: &StopSignal) -> anyho
     let rig = Rig::parse(&recording.provenance().rig_json, "of the recording")?;
     let timeline = index::open(recording, stop)?;
     let name = recording.path().display();
-    let Some(ends) = timeline.ends() else { bail!("{name}: holds no steps to be shown") };
+    let Some(ends) = timeline.ends() else { bail!("{name}: contains no steps to be shown") };
     let viewer = if args.window {
         let instance = args.instance.as_deref().unwrap_or("replay");
         let options = window_options(args);

@@ -48,7 +48,7 @@ impl OfLast {
         if !judgement.is_reported() {
             return None;
         }
-        let what = format!("{:.2} px are left of the blobs, more than noise", judgement.left_px);
+        let what = format!("reprojection residual {:.2} px RMS, above the noise", judgement.left_px);
         let finding = Finding { what, cause, remedy, subject: "rig".into() };
         Some(Warning { from_s: self.starts_s + judgement.since_s, to_s: None, finding })
     }

@@ -9,14 +9,14 @@ use std::process::ExitCode;
 /// What vitreo.toml says to this program: to the command that people type, under its own name.
 const SETTINGS: Program = Program { prefix: "", without: &[], elsewhere: None };
 
-/// Recordings again, in one process and without a clock.
+/// Replay and analyse recordings, in one process and independent of the clock.
 #[derive(Debug, clap::Parser)]
 #[command(name = "vitreo", version)]
 struct Args {
     #[command(flatten)]
-    log: ipc::logging::LogArgs,
-    #[command(flatten)]
     settings: SettingsArgs,
+    #[command(flatten)]
+    log: ipc::logging::LogArgs,
     #[command(subcommand)]
     command: RecordingCommand,
 }

@@ -35,7 +35,7 @@ pub fn run(args: &MergeArgs) -> anyhow::Result<ExitCode> {
     let (written, lost) = write(&parts, output.writer(parts[0].recording.provenance())?, &stop)?;
     let files = output.appear()?;
     let count = parts.iter().map(|part| part.recording.parts().len().max(1)).sum::<usize>();
-    inform(&format!("{count} parts, {written} messages"));
+    inform(&format!("{count} parts merged, {written} messages written"));
     files.iter().for_each(|file| println!("{}", file.display()));
     let Some(lost) = lost else { return Ok(ExitCode::SUCCESS) };
     warn(&lost);
@@ -101,7 +101,8 @@ fn open(files: &[PathBuf]) -> anyhow::Result<Vec<Part>> {
             Item::Blobs(field) if is_stream => Some(field.exposed_ns),
             _ => None,
         });
-        let from_ns = from_ns.with_context(|| format!("{}: holds no step and no field", file.display()))?;
+        let from_ns =
+            from_ns.with_context(|| format!("{}: contains no step and no field", file.display()))?;
         parts.push(Part { recording, from_ns });
     }
     parts.sort_by_key(|part| part.from_ns);
@@ -110,7 +111,7 @@ fn open(files: &[PathBuf]) -> anyhow::Result<Vec<Part>> {
         let difference = parts[0].recording.provenance().difference(part.recording.provenance());
         ensure!(
             difference.is_none(),
-            "{one} and {other} are of two runs: their {} differ",
+            "{one} and {other} are from different runs: their {} differ",
             difference.unwrap_or_default()
         );
     }

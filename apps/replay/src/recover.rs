@@ -49,7 +49,7 @@ pub fn run(args: &RecoverArgs) -> anyhow::Result<ExitCode> {
     if found != expected {
         bail!("{}: reads back {found:?}, but {expected:?} was written", args.output.display());
     }
-    inform(&format!("{}: {} items, read back and compared", args.output.display(), expected.items));
+    inform(&format!("{}: {} messages recovered and verified", args.output.display(), expected.items));
     if problems == 0 && recording.is_finished() {
         return Ok(ExitCode::SUCCESS);
     }

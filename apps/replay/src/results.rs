@@ -65,7 +65,7 @@ fn add(place: &StoreArgs, trainee: &str, files: &[PathBuf]) -> anyhow::Result<Ex
             if files.len() == 1 {
                 return Err(problem);
             }
-            warn(&format!("not kept: {}", with_causes(problem.as_ref())));
+            warn(&format!("not added: {}", with_causes(problem.as_ref())));
             code = LOSS;
         }
     }
@@ -103,7 +103,7 @@ fn delete(
     for recording in recordings.iter().filter(is_there) {
         let path = &recording.path;
         match with_recordings.then(|| delete_recording(recording)) {
-            None => println!("left in place (--recordings deletes it): {path}"),
+            None => println!("recording kept (delete it yourself, or use --recordings next time): {path}"),
             Some(Ok(())) => println!("deleted: {path}"),
             Some(Err(problem)) => {
                 warn(&format!("not deleted: {path}: {}", with_causes(problem.as_ref())));
@@ -169,7 +169,7 @@ fn show(args: &ResultsArgs) -> anyhow::Result<ExitCode> {
 fn draw(attempts: &[Stored], outputs: &mut Outputs, file: &Path) -> anyhow::Result<()> {
     let (curves, left_out) = curve::curves(attempts);
     if left_out > 0 {
-        warn(&format!("{left_out} attempts are omitted: broken off, or scored by an older version"));
+        warn(&format!("{left_out} attempts are omitted: aborted, or scored by an older version"));
     }
     if file == Path::new(TERMINAL) {
         print!("{}", terminal::plot(&curves));

@@ -74,7 +74,7 @@ pub fn run(args: &ScoreArgs) -> anyhow::Result<ExitCode> {
 
 fn code_of(attempt: &ScoredRecording) -> u8 {
     if let Some(damage) = &attempt.damage {
-        warn(&format!("not scored whole: {damage}"));
+        warn(&format!("only partly scored: {damage}"));
     }
     if attempt.unmatched > 0 {
         warn(&format!("{}: {} steps have no poses and are not scored", attempt.file, attempt.unmatched));

@@ -4,6 +4,7 @@ mod matches;
 
 use anyhow::bail;
 use ipc::logging::warn;
+use outputs::exit::WrongUse;
 use outputs::println;
 use protocol::blobs::BlobField;
 use protocol::frames::FrameRecord;
@@ -129,7 +130,8 @@ pub fn run(args: &TraceArgs) -> anyhow::Result<ExitCode> {
     let stops = stops(&found.instants());
     if stops.is_empty() {
         let range = seen.map_or("no fields".into(), |[low, high]| format!("fields {low} to {high}"));
-        bail!("{}: nothing about field {}; it holds {range}", args.file.display(), args.field);
+        let file = args.file.display();
+        bail!(WrongUse(format!("{file}: no field {}; it contains {range}", args.field)));
     }
     if args.json {
         println!("{}", serde_json::to_string_pretty(&as_json(args.field, &found, &stops))?);

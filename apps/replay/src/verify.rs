@@ -168,12 +168,12 @@ impl Verdict {
             poses.other_version.map(tracker_differs),
             (poses.recorded == 0).then(|| "no poses were recorded".into()),
             (behind_gaps > 0 && !poses.desk)
-                .then(|| format!("{behind_gaps} poses lack what the tracker saw")),
+                .then(|| format!("{behind_gaps} poses could not be compared: blobs before them are missing")),
             states.other_version.map(states_incomparable),
             (states.recorded == 0).then(|| "no steps were recorded".into()),
-            (states.undetermined > 0).then(|| format!("{} steps lack inputs", states.undetermined)),
-            (states.missing > 0)
-                .then(|| format!("{} steps lack their poses or their record", states.missing)),
+            (states.undetermined > 0)
+                .then(|| format!("{} steps could not be compared: inputs are missing", states.undetermined)),
+            (states.missing > 0).then(|| format!("{} steps are missing, or their poses", states.missing)),
         ];
         reasons.into_iter().flatten().collect()
     }
@@ -197,11 +197,15 @@ impl PoseProof {
             return format!("{recorded} poses of a desk or of another tracker, without cameras");
         }
         let Some(version) = self.other_version else {
-            return format!("{identical} of {recorded} poses from recorded blobs identical");
+            return format!(
+                "{} from recorded blobs identical",
+                counted(*identical, *compared, *recorded, "poses")
+            );
         };
         let made_by = tracker_differs(version);
         if identical == compared {
-            return format!("{made_by}: {identical} of {recorded} poses from recorded blobs identical");
+            let counted = counted(*identical, *compared, *recorded, "poses");
+            return format!("{made_by}: {counted} from recorded blobs identical");
         }
         let bodies: Vec<String> = self.differences.iter().map(|(name, d)| d.text(name)).collect();
         let differ = bodies.join("; ");
@@ -243,12 +247,21 @@ impl PoseDifference {
 
 impl StateProof {
     fn text(&self) -> String {
-        let StateProof { recorded, identical, stretches, .. } = self;
+        let StateProof { recorded, compared, identical, stretches, .. } = self;
         let parts = if *stretches > 1 { format!(", in {stretches} stretches") } else { String::new() };
         if self.other_version.is_some() {
             return format!("0 of {recorded} states compared");
         }
-        format!("{identical} of {recorded} states from recorded poses identical{parts}")
+        let counted = counted(*identical, *compared, *recorded, "states");
+        format!("{counted} from recorded poses identical{parts}")
+    }
+}
+
+/// Of how many that were compared how many were identical; where not all could be compared, of how many recorded ones too.
+fn counted(identical: u64, compared: u64, recorded: u64, what: &str) -> String {
+    match compared == recorded {
+        true => format!("{identical} of {recorded} {what}"),
+        false => format!("{identical} of {compared} compared {what} ({recorded} recorded)"),
     }
 }
 

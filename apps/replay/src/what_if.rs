@@ -120,7 +120,7 @@ pub fn setting(recording: &Recording, args: &WhatIfArgs) -> anyhow::Result<Setti
     if recorded.config.contains_key(DESK) && tracks {
         let file = recording.path().display();
         bail!(WrongUse(format!(
-            "--rig, --set {TRACKER}…: {file} comes from a desk, without cameras and tracker"
+            "--rig, --set {TRACKER}…: {file} was recorded at a desk, without cameras and tracker"
         )));
     }
     let mut setting = Setting { rig, scene, tuning, provenance: recorded.clone() };

@@ -7,13 +7,10 @@ use settings::commands::processes::{RigArgs, SceneArgs, VirtualRigArgs};
 /// Longest delay of a late camera, ms.
 const MAX_LATE_MS: f64 = 500.0;
 
-/// The virtual rig: a scripted surgeon, the eye, and cameras that see them.
+/// Simulate a scripted surgeon, the eye and the cameras that observe them.
 #[derive(Debug, Clone, clap::Parser)]
-#[command(name = "vitreo-virtual-rig", version)]
+#[command(name = "vitreo-virtual-rig", version, mut_arg("force", |arg| arg.help_heading(None::<&str>)))]
 pub struct Config {
-    /// Arguments of every process.
-    #[command(flatten)]
-    pub shell: ShellArgs,
     /// The rig.
     #[command(flatten)]
     pub rig: RigArgs,
@@ -29,11 +26,11 @@ pub struct Config {
     /// Whether a fault log that exists is written over.
     #[command(flatten)]
     pub force: outputs::Force,
-    /// Finish after S seconds.
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    /// Stop after S seconds.
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true, help_heading = None::<&str>)]
     pub duration: Option<f64>,
-    /// Finish S seconds after the script's round, retries included, if that is before the duration.
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    /// Stop S seconds after the end of the script, including retries, or after --duration if that is earlier.
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true, help_heading = None::<&str>)]
     pub after_round: Option<f64>,
     /// Go on with the script where a predecessor in this instance stood, who was killed.
     #[arg(long, hide = true)]
@@ -44,6 +41,9 @@ pub struct Config {
     /// Delay the fields of camera CAM by MS milliseconds.
     #[arg(long, value_name = "CAM=MS", value_parser = late_camera, conflicts_with = "blobs", hide = true)]
     pub late_camera: Option<LateCamera>,
+    /// Arguments of every process.
+    #[command(flatten)]
+    pub shell: ShellArgs,
 }
 
 /// A camera whose fields come too late.

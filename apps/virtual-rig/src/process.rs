@@ -260,7 +260,7 @@ impl<S: Source> Work<anyhow::Error> for VirtualRig<S> {
     /// The hand stood still with the rig that moves it.
     fn slept(&mut self, slept_ns: u64) -> Result<u64> {
         self.rig.timeline.shift(slept_ns);
-        tracing::warn!("slept for {:.1} s", slept_ns as f64 * 1e-9);
+        tracing::warn!("the machine was suspended for {:.1} s", slept_ns as f64 * 1e-9);
         Ok(0)
     }
 

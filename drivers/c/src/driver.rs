@@ -62,7 +62,10 @@ fn wait_for_run(instance: &str, roles: u32, wait_ns: u64) -> Result<(), Failure>
             Some(channels) => break channels,
             None if now() >= until => {
                 let start = format!("start it with: vitreo run --instance {instance} --external …");
-                return Err(failure(Code::NoRun, format!("no run '{instance}' is active; {start}")));
+                return Err(failure(
+                    Code::NoRun,
+                    format!("no simulator named '{instance}' is running; {start}"),
+                ));
             }
             None => sleep_until((now() + LOOK_NS).min(until)),
         }

@@ -7,9 +7,10 @@ use crate::colours::file::ColourFile;
 use crate::input::source::Source;
 use crate::input::still::Levels;
 use crate::input::{Interlace, overlay};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use blob_stream::write_blobs;
 use ipc::logging::inform;
+use outputs::exit::WrongUse;
 use outputs::{Force, OutputFile, Outputs, STDOUT};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -17,7 +18,7 @@ use std::path::{Path, PathBuf};
 /// Find blobs in pictures and clips.
 ///
 /// A still image (PNG, JPEG) is one picture of camera 0. A clip (Y4M, 8 bits; - for standard input) is one
-/// camera; the first clip is camera 0. A recording of pixels (vitreo cameras --record-fields FILE.mcap) holds
+/// camera; the first clip is camera 0. A recording of pixels (vitreo cameras --record-fields FILE.mcap) contains
 /// all cameras with the number and timestamps of each field. For images and clips without --fields, pictures
 /// are numbered from 0, and picture k is exposed k + 1 periods after time zero; the period is 20 ms for
 /// stills and the clip's own for clips.
@@ -48,7 +49,7 @@ pub struct BlobsArgs {
     /// range for 8 bits, the picture's own range for 16 bits].
     #[arg(long, value_name = "BLACK:WHITE", value_parser = Levels::parse)]
     pub levels: Option<Levels>,
-    /// Colour classes and their levels [default: those of the camera hardware].
+    /// Colour classes and their levels [default: the shipped classes].
     #[arg(long, value_name = "FILE.toml")]
     pub colours: Option<PathBuf>,
     /// How the scanner is set.
@@ -96,6 +97,12 @@ pub fn run(args: &BlobsArgs) -> Result<()> {
     }
     bar.finish_and_clear();
     out.finish()?;
+    if args.overlay.is_some() && overlay_path(args, 0).is_none() && n <= args.overlay_picture {
+        let wanted = args.overlay_picture;
+        bail!(WrongUse(format!(
+            "--overlay-picture {wanted}: the input has only {n} pictures, counted from 0"
+        )));
+    }
     inform(&finder.counts.summary());
     Ok(())
 }

@@ -66,7 +66,7 @@ impl Threshold {
 /// Settings of the scanner; what is not given is as in the camera hardware.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct Tuning {
-    /// Whether blobs are brighter or darker than their surroundings.
+    /// Brightness of blobs relative to their surroundings.
     #[arg(long, default_value = "bright", help_heading = "Detection")]
     pub polarity: Polarity,
     /// Background: fixed=LEVEL (luma; black is 16) or tracked [default: tracked in camera fields; the camera
@@ -78,8 +78,8 @@ pub struct Tuning {
     #[arg(long, value_name = "LOW[:HIGH]", value_parser = Threshold::parse, help_heading = "Detection")]
     pub threshold: Option<Threshold>,
     /// Minimum area of a blob, px.
-    #[arg(long, value_name = "PX", help_heading = "Detection")]
-    pub least_area: Option<u16>,
+    #[arg(long, alias = "least-area", value_name = "PX", help_heading = "Detection")]
+    pub min_area: Option<u16>,
     /// Maximum number of blobs per picture; the first to be complete are kept, the others counted as lost.
     #[arg(long, value_name = "N", help_heading = "Detection")]
     pub max_blobs: Option<usize>,
@@ -126,7 +126,7 @@ impl Tuning {
         if self.spots {
             settings.least_lines = 1;
         }
-        if let Some(area) = self.least_area {
+        if let Some(area) = self.min_area {
             settings.least_area = area;
         }
         if let Some(blobs) = self.max_blobs {

@@ -21,10 +21,10 @@ pub struct HardwareArgs {
     #[arg(long, value_enum, default_value = "camera")]
     pub tables: Tables,
     /// Maximum number of runs per line, instead of that of --tables.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=4096))]
+    #[arg(long, value_parser = settings::commands::numbers::whole::<u16>(1, 4096))]
     pub runs: Option<u16>,
     /// Maximum number of simultaneous components, instead of that of --tables.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=4096))]
+    #[arg(long, value_parser = settings::commands::numbers::whole::<u16>(1, 4096))]
     pub labels: Option<u16>,
     /// Print JSON.
     #[arg(long)]
@@ -60,24 +60,24 @@ pub fn run(args: &HardwareArgs) -> Result<()> {
 
 fn text(limits: &Limits, resources: &[Resource], clocks: &Clocks) -> String {
     let mut text = format!(
-        "fields up to {} × {} px, {} runs a line, {} components at a time, {} blobs a field\n\n",
+        "fields up to {} × {} px, {} runs per line, {} components at a time, {} blobs per field\n\n",
         limits.width, limits.lines, limits.runs, limits.labels, limits.blobs
     );
-    text += &format!("{:<40} {:<9} {:>6} {:>6} {:>10}\n", "what", "kind", "words", "bits", "bits in all");
+    text += &format!("{:<40} {:<9} {:>6} {:>6} {:>10}\n", "item", "kind", "words", "bits", "bits in all");
     for r in resources {
         text += &format!("{:<40} {:<9} {:>6} {:>6} {:>10}\n", r.name, r.kind, r.depth, r.width, r.bits());
     }
     for kind in ["register", "memory"] {
         let bits: u64 = resources.iter().filter(|r| r.kind == kind).map(Resource::bits).sum();
-        text += &format!("{:<64} {bits:>10}\n", format!("all of kind {kind}"));
+        text += &format!("{:<64} {bits:>10}\n", format!("{kind} bits in total"));
     }
     let us = |clocks: u64| clocks as f64 * 1e6 / PIXEL_CLOCK_HZ as f64;
     let fits =
         if clocks.labelling_at_most <= clocks.line { "keeps up" } else { "too slow for a live camera" };
-    text += &format!("\nclocks of 13.5 MHz\n{:<64} {:>10}\n", "a line with its blanking", clocks.line);
-    text += &format!("{:<64} {:>10}   {fits}\n", "labelling of a line, at most", clocks.labelling_at_most);
-    text += &format!("{:<64} {:>10}\n", "divider, a component", clocks.divider);
-    text += &format!("{:<64} {:>10}\n", "divider, two markers that touch, more", clocks.split);
+    text += &format!("\nclocks of 13.5 MHz\n{:<64} {:>10}\n", "line with blanking", clocks.line);
+    text += &format!("{:<64} {:>10}   {fits}\n", "labelling of a line, maximum", clocks.labelling_at_most);
+    text += &format!("{:<64} {:>10}\n", "divider, per component", clocks.divider);
+    text += &format!("{:<64} {:>10}\n", "divider, extra for two touching markers", clocks.split);
     let [least, most] = clocks.latency;
     text += &format!(
         "from a blob's last pixel to its output: {least} to {most} ({:.1} to {:.1} µs), and the divider's \

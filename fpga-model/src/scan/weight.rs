@@ -159,7 +159,7 @@ impl Weigher {
         let from = range.start.saturating_sub(REACH);
         let to = (range.end + REACH).min(last + 1);
         self.seen.clear();
-        // Beyond its ends a line goes on as it ends.
+        // Clamp to edge.
         self.seen.resize(before, line.luma[0]);
         self.seen.extend_from_slice(&line.luma[from..to]);
         self.seen.resize(before + (to - from) + behind, line.luma[last]);

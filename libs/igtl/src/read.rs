@@ -17,7 +17,7 @@ const NEWEST_VERSION: u16 = 3;
 #[derive(Debug, Clone, thiserror::Error, PartialEq, Eq)]
 pub enum Refused {
     /// Bytes were changed on the way, or the sender's checksum is another.
-    #[error("{kind} of {device:?}: its CRC is not that of its body")]
+    #[error("{kind} of {device:?}: the CRC does not match the body")]
     Crc {
         /// Type of the message.
         kind: String,
@@ -40,10 +40,10 @@ pub enum Refused {
 #[derive(Debug, Clone, thiserror::Error, PartialEq, Eq)]
 pub enum Broken {
     /// The version makes no sense.
-    #[error("a header of version {0}: expected 1 to {NEWEST_VERSION}")]
+    #[error("header version {0}: expected 1 to {NEWEST_VERSION}")]
     Version(u16),
     /// The type makes no sense.
-    #[error("a header with the type {0:?}: expected capitals, digits and _")]
+    #[error("message type {0:?}: expected capitals, digits and _")]
     Type(String),
     /// The body is too long.
     #[error("{kind} of {bytes} bytes: expected up to {limit}")]

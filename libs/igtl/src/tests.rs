@@ -71,7 +71,7 @@ fn what_is_damaged_is_named_and_the_next_is_read() {
     };
     let mut wrong = good.clone();
     wrong[80] ^= 1;
-    assert_eq!(told(wrong), "TRANSFORM of \"Tool\": its CRC is not that of its body");
+    assert_eq!(told(wrong), "TRANSFORM of \"Tool\": the CRC does not match the body");
     // The first number becomes NaN, sizes of parts become those of another message.
     let mut nan = good.clone();
     nan[70..74].copy_from_slice(&f32::NAN.to_be_bytes());
@@ -95,7 +95,7 @@ fn a_stream_of_something_else_is_given_up() {
         assert_eq!(reader.take(&good, |_| panic!("its place is lost")), Err(broken.clone()));
         broken.to_string()
     };
-    assert_eq!(told(&|b| b[1] = 9), "a header of version 9: expected 1 to 3");
+    assert_eq!(told(&|b| b[1] = 9), "header version 9: expected 1 to 3");
     assert!(told(&|b| b[2..8].copy_from_slice(b"GET / ")).contains("GET / "));
     assert!(told(&|b| b[2..14].fill(0)).contains("type \"\""));
     let four_gb = u64::from(u32::MAX).to_be_bytes();

@@ -106,6 +106,7 @@ pub fn plainly(problem: &io::Error) -> String {
         io::ErrorKind::ReadOnlyFilesystem => "the file system is read-only".into(),
         io::ErrorKind::PermissionDenied => "no permission".into(),
         io::ErrorKind::NotADirectory => "a part of its path is a file".into(),
+        io::ErrorKind::NotFound => "its folder does not exist and cannot be created".into(),
         _ => problem.to_string(),
     }
 }

@@ -371,6 +371,16 @@ pub enum RecordingError {
         /// What it is instead.
         problem: String,
     },
+    /// A recording of another kind: of pixels, or of a run.
+    #[error("{file}: expected {expected}, found {found}")]
+    OtherKind {
+        /// The file.
+        file: String,
+        /// What was expected.
+        expected: &'static str,
+        /// What it is.
+        found: &'static str,
+    },
     /// A part of the recording is missing, or cannot be read as one of it.
     #[error("{file}: {problem}")]
     Part {
@@ -381,7 +391,7 @@ pub enum RecordingError {
     },
     /// The file ends in the middle of a record, as after a crash; all before it is good.
     #[error(
-        "{file}: ends in the middle of a record at byte {offset}; all before it is readable \
+        "{file}: ends in the middle of a record at byte {offset}; everything before it is readable \
          (vitreo recover repairs it)"
     )]
     Truncated {

@@ -233,8 +233,15 @@ impl PixelsReader {
                     let Ok(Record::Metadata(found)) = parsed else {
                         return Err(records.damaged(record.offset, "its head cannot be read"));
                     };
+                    if found.name == crate::write::METADATA {
+                        return Err(RecordingError::OtherKind {
+                            file,
+                            expected: "a recording of pixels (vitreo cameras --record-fields FILE.mcap)",
+                            found: "a recording of a run",
+                        });
+                    }
                     if found.name != METADATA {
-                        let problem = format!("it holds {:?}, not pixels", found.name);
+                        let problem = format!("it contains {:?}, not pixels", found.name);
                         return Err(foreign(problem));
                     }
                     let head = head_of(&found.metadata).map_err(foreign)?;

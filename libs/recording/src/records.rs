@@ -54,7 +54,7 @@ impl Records {
             Err(e) if e.kind() != ErrorKind::UnexpectedEof => return Err(io(e)),
             Ok(()) if magic == MAGIC => {}
             _ => {
-                let problem = "it does not begin as an MCAP file does".into();
+                let problem = "it is not an MCAP file".into();
                 return Err(RecordingError::Foreign { file, problem });
             }
         }

@@ -100,10 +100,10 @@ pub struct Kept {
 pub fn keep(store: &mut Store, trainee: &str, file: &Path) -> anyhow::Result<Kept> {
     let scored = score_file(file)?;
     if let Some(damage) = &scored.damage {
-        bail!("{damage}; an attempt that cannot be read to its end is not kept");
+        bail!("{damage}; an attempt that cannot be read to its end is not added");
     }
     if !scored.ended && scored.score.took_s == 0.0 {
-        bail!("{}: the attempt was not begun and is not kept", file.display());
+        bail!("{}: the attempt was never started and is not added", file.display());
     }
     let mut attempt = attempt_of(&Recording::open(file)?, &scored);
     let sha256 = sha256_of(file).with_context(|| file.display().to_string())?;
@@ -113,7 +113,7 @@ pub fn keep(store: &mut Store, trainee: &str, file: &Path) -> anyhow::Result<Kep
     let text = match id {
         Some(id) => {
             let end = ending(&attempt).map_or(String::new(), |end| format!(", {end}"));
-            format!("kept as attempt {id} of {trainee}: {:.2} points{end}", attempt.total)
+            format!("added as attempt {id} of {trainee}: {:.2} points{end}", attempt.total)
         }
         None => format!("{}: {trainee} has this attempt already; nothing was added", file.display()),
     };
@@ -137,7 +137,7 @@ fn check_holders(
     }
     let older = holders.iter().filter(|(.., version)| *version != attempt.score_version);
     let text = |version: &u32, id: &i64| {
-        format!("{file}: is also attempt {id} of {trainee}, by version {version} of the score")
+        format!("{file}: is also attempt {id} of {trainee}, with score version {version}")
     };
     Ok(older.map(|(_, id, version)| text(version, id)).collect())
 }
@@ -146,9 +146,9 @@ fn check_holders(
 pub fn ending(attempt: &Attempt) -> Option<String> {
     match (&attempt.failed, attempt.broken_off, attempt.finished) {
         (Some(injury), broken_off, _) => {
-            Some(format!("failed: {injury}{}", if broken_off { ", broken off" } else { "" }))
+            Some(format!("failed: {injury}{}", if broken_off { ", aborted" } else { "" }))
         }
-        (None, true, _) => Some("broken off".into()),
+        (None, true, _) => Some("aborted".into()),
         (None, false, false) => Some("not finished".into()),
         (None, false, true) => None,
     }

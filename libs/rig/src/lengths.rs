@@ -37,8 +37,8 @@ impl Rig {
     pub(super) fn defect_of_bodies(&self) -> Option<Defect> {
         let once = |name: &&str| self.bodies.iter().filter(|b| b.name == *name).count() == 1;
         if let Some(name) = BODY_NAMES.iter().find(|name| !once(name)) {
-            let expected = "inst0, inst1 and eye, each once";
-            return Some(("bodies".into(), expected, format!("not so for {name}")));
+            let expected = "inst0, inst1 and eye, once each";
+            return Some(("bodies".into(), expected, format!("{name} missing or repeated")));
         }
         if self.bodies.len() != BODY_NAMES.len() {
             let found = format!("{} bodies", self.bodies.len());

@@ -66,7 +66,7 @@ fn refusal(text: &str, name: &str, source: serde_json::Error) -> RigError {
         found,
     };
     if !text.trim_start().starts_with('{') {
-        let expected = "a rig in JSON, which begins with {";
+        let expected = "a rig: one JSON object, which begins with {";
         return value("contents", expected, looks_like(text.as_bytes()).into());
     }
     match other_format_in(text, FORMAT) {

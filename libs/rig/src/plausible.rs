@@ -64,7 +64,7 @@ impl Rig {
         let RigCamera { width, height, .. } = *camera;
         if let Some([w, h]) = self.frame.filter(|frame| *frame != [width, height]) {
             let found = format!("{width} × {height}, where frame says {w} × {h}");
-            let expected = "the size of frame, which is that of all cameras; omit frame where they differ";
+            let expected = "the size given in frame, or no frame if the cameras differ";
             return Some((format!("cameras[{i}].width, height"), expected, found));
         }
         let fits = [width, height].iter().zip(SIZES_PX).all(|(n, [least, most])| (least..=most).contains(n));
@@ -162,11 +162,7 @@ impl RigCamera {
         let width = f64::from(self.width);
         let [least, most] = FOCAL_WIDTHS.map(|n| n * width);
         if !(least..=most).contains(&self.fx) {
-            return Some((
-                "fx",
-                "px, between a fifth of the picture's width and 100 of them",
-                self.fx.to_string(),
-            ));
+            return Some(("fx", "0.2 to 100 times the picture's width, in px", self.fx.to_string()));
         }
         let ratio = self.fy / self.fx;
         if !(1.0 / PIXEL_RATIO..=PIXEL_RATIO).contains(&ratio) {

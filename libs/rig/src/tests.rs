@@ -15,7 +15,10 @@ fn shipped_rig_round_trips() {
 #[test]
 fn other_files_and_formats_are_named() {
     let cases = [
-        ("t_ns,cam,x,y\n1,2,3,4\n", "expected a rig in JSON, which begins with {, found a table (CSV)"),
+        (
+            "t_ns,cam,x,y\n1,2,3,4\n",
+            "expected a rig: one JSON object, which begins with {, found a table (CSV)",
+        ),
         ("[eye]\n", "found TOML"),
         ("", "found an empty file"),
         ("{\"format\": \"vitreo-rig-2\", \"eyes\": 2}", "found vitreo-rig-2, the format of a newer vitreo"),

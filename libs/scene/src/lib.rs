@@ -207,7 +207,7 @@ impl ContactScene {
         }
         if self.grab_below_rad > self.release_above_rad {
             let found = format!("{} > {}", self.grab_below_rad, self.release_above_rad);
-            return refuse("contact.grab_below_rad", "not above release_above_rad", found);
+            return refuse("contact.grab_below_rad", "at most release_above_rad", found);
         }
         None
     }

@@ -130,12 +130,12 @@ impl MembraneScene {
                 ("membrane.loose_edge", self.loose_edge),
             ];
             return match beside.into_iter().find(|(_, is_set)| *is_set) {
-                Some((key, _)) => refuse(key, "no such key beside membrane.mesh", "one"),
+                Some((key, _)) => refuse(key, "no such key with membrane.mesh", "one"),
                 None => mesh.defect(retina_radius_mm),
             };
         }
         if self.squares.iter().any(|&n| !(2..=800).contains(&n)) {
-            return refuse("membrane.squares", "2 to 800", format!("{:?}", self.squares));
+            return refuse("membrane.squares", "two numbers from 2 to 800", format!("{:?}", self.squares));
         }
         let towards: f64 = self.towards_in_eye.iter().map(|c| c * c).sum();
         if !(towards.is_finite() && towards > 1e-12) {

@@ -165,7 +165,7 @@ impl Module {
     pub fn load(name: &str) -> Result<Self, ModuleError> {
         let folder = Path::new(name);
         let file = folder.join("module.toml");
-        if file.is_file() {
+        if file.is_file() || folder.is_dir() && shipped(name).is_none() {
             let text = read(&file)?;
             let scene = folder.join("scene.toml");
             let scene = if scene.is_file() { Some(read(&scene)?) } else { None };

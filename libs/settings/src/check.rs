@@ -158,9 +158,9 @@ fn expected(arg: &Arg, error: &clap::Error, value: &Value) -> String {
     let types: [(TypeId, &str); 8] = [
         (TypeId::of::<u8>(), "a whole number from 0 to 255"),
         (TypeId::of::<u16>(), "a whole number from 0 to 65535"),
-        (TypeId::of::<u32>(), "a whole number from 0 on"),
-        (TypeId::of::<u64>(), "a whole number from 0 on"),
-        (TypeId::of::<usize>(), "a whole number from 0 on"),
+        (TypeId::of::<u32>(), "a whole number of 0 or more"),
+        (TypeId::of::<u64>(), "a whole number of 0 or more"),
+        (TypeId::of::<usize>(), "a whole number of 0 or more"),
         (TypeId::of::<i64>(), "a whole number"),
         (TypeId::of::<f32>(), "a number"),
         (TypeId::of::<f64>(), "a number"),
@@ -177,7 +177,9 @@ fn expected(arg: &Arg, error: &clap::Error, value: &Value) -> String {
         _ => String::new(),
     };
     // The parser's own error is more precise than the type.
-    let reason = error.source().map(|cause| format!(" ({cause})")).unwrap_or_default();
+    let told = |cause: &dyn Error| !cause.to_string().contains("invalid digit");
+    let reason =
+        error.source().filter(|cause| told(*cause)).map(|cause| format!(" ({cause})")).unwrap_or_default();
     format!("expected {wanted}, found {value}{suggested}{reason}")
 }
 

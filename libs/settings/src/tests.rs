@@ -201,9 +201,9 @@ fn what_is_wrong_is_told_with_file_line_key_and_what_was_expected() {
     for (text, told) in [
         (
             "\n[run]\nlevel = \"x\"",
-            "0.toml: line 3: [run] level: expected a whole number from 0 on, found \"x\"",
+            "0.toml: line 3: [run] level: expected a whole number of 0 or more, found \"x\"",
         ),
-        ("[run]\nlevel = -1", "line 2: [run] level: expected a whole number from 0 on, found -1"),
+        ("[run]\nlevel = -1", "line 2: [run] level: expected a whole number of 0 or more, found -1"),
         (
             "[run]\narrange = \"lefd\"",
             "line 2: [run] arrange: expected one of left, right, found \"lefd\"; did you mean left?",

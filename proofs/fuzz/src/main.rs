@@ -87,7 +87,7 @@ fn chosen(names: &[String]) -> Result<Vec<Target>> {
     let all = targets::all();
     for name in names {
         if !all.iter().any(|t| t.name == name || t.kind.name() == name) {
-            bail!("{name}: no such target or kind; `fuzz list` says which there are");
+            bail!("{name}: no such target or kind; `fuzz list` lists them");
         }
     }
     let wanted = |t: &Target| names.is_empty() || names.iter().any(|n| n == t.name || n == t.kind.name());
@@ -95,7 +95,7 @@ fn chosen(names: &[String]) -> Result<Vec<Target>> {
 }
 
 fn named(name: &str) -> Result<Target> {
-    targets::named(name).with_context(|| format!("{name}: no such target; `fuzz list` says which there are"))
+    targets::named(name).with_context(|| format!("{name}: no such target; `fuzz list` lists them"))
 }
 
 fn one(target: Target, bounds: &Bounds, out: &Path) {

@@ -53,7 +53,7 @@ fn main() {
     let args = Args::parse();
     let rig = Rig::load_or_shipped(None).expect("the shipped rig");
     println!(
-        "| scenario | picture moved by, px | found after, s | back after, s | coverage, least | tips, µm | undisturbed | shown, µm | undisturbed | longest gap, fields | eye, mrad | undisturbed |"
+        "| scenario | picture moved by, px | detected after, s | included again after, s | minimum coverage | tips, µm | undisturbed | display error, µm | undisturbed | longest gap, fields | eye, mrad | undisturbed |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     for scenario in Scenario::ALL {

@@ -67,7 +67,7 @@ fn main() {
         rates => rig_of_rates(&shipped, rates),
     };
     println!(
-        "| scenario | tip, µm | bound, µm | ratio | shown, µm | eye, mrad | coverage | longest gap, fields |"
+        "| scenario | tip, µm | bound, µm | ratio | display error, µm | eye, mrad | coverage | longest gap, fields |"
     );
     println!("|---|---|---|---|---|---|---|---|");
     for scenario in Scenario::ALL.into_iter().filter(|s| s.name().contains(&args.only)) {

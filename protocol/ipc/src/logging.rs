@@ -12,6 +12,7 @@
 mod repeats;
 
 use clap::ArgAction;
+use outputs::exit::{FAILED, WRONG_USE, WrongUse};
 use outputs::printable;
 use repeats::Repeats;
 use serde_json::{Map, Value};
@@ -173,14 +174,14 @@ pub fn warn(text: &str) {
     message(Level::WARN, text);
 }
 
-/// Writes why the program fails, with all causes, and returns the exit code of a failure.
+/// Writes why the program fails, with all causes, and returns the exit code: that of wrong use if [`WrongUse`] is among the
+/// causes, otherwise that of a failure.
 pub fn fail(error: &(dyn std::error::Error + 'static)) -> ExitCode {
     message(Level::ERROR, &with_causes(error));
-    ExitCode::FAILURE
+    let causes = std::iter::successors(Some(error), |cause| cause.source());
+    let code = if causes.into_iter().any(|cause| cause.is::<WrongUse>()) { WRONG_USE } else { FAILED };
+    ExitCode::from(code)
 }
-
-/// Exit code of a program that was used wrongly; clap exits with it by itself.
-const WRONG_USE: u8 = 2;
 
 /// Writes why a program cannot begin to work, before [`init`] was called, and returns the exit code of
 /// wrong use.

@@ -27,7 +27,7 @@ const FINE_NS: u64 = 500_000;
 #[derive(Debug, Clone, clap::Args)]
 pub struct ShellArgs {
     /// Name of the simulator to join; several run side by side under different names.
-    #[arg(long, default_value = "main")]
+    #[arg(long, value_name = "NAME", default_value = "main", help_heading = None::<&str>)]
     pub instance: String,
     /// End when the parent process ends.
     #[arg(long, hide = true)]

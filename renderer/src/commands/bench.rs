@@ -31,7 +31,7 @@ pub struct RenderArgs {
     #[arg(long)]
     pub json: bool,
     /// Measure one tier only.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..TIERS.len() as i64))]
+    #[arg(long, value_name = "N", value_parser = settings::commands::numbers::whole::<u32>(0, TIERS.len() as u64 - 1))]
     pub tier: Option<u32>,
     /// Scene to draw.
     #[arg(long, default_value = "peel", value_parser = SUBJECTS)]

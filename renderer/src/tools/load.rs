@@ -91,7 +91,7 @@ fn parse(bytes: &[u8]) -> Result<Gltf, String> {
     let mut primitives = root.meshes.iter().flat_map(|mesh| &mesh.primitives);
     if !primitives.all(|p| p.attributes.values().all(known)) {
         return Err(
-            "not a valid glTF file: an attribute of a mesh names an accessor that is not there".into()
+            "not a valid glTF file: an attribute of a mesh names an accessor that does not exist".into()
         );
     }
     let document = gltf::Document::from_json(root).map_err(no_file)?;
@@ -285,7 +285,7 @@ mod tests {
         let short = altered(Tool::Needle, "\"byteOffset\":0,", "\"byteOffset\":9,");
         assert!(short.starts_with("x.glb"), "{short}");
         let without = altered(Tool::Needle, "\"accessors\":", "\"Accessors\":");
-        assert!(without.contains("names an accessor that is not there"), "{without}");
+        assert!(without.contains("names an accessor that does not exist"), "{without}");
         assert!(
             load(Tool::Pick, "x.glb", b"teapot")
                 .unwrap_err()

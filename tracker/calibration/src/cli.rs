@@ -34,15 +34,15 @@ pub const SETTINGS: Program = Program { prefix: "calibrate", without: &[], elsew
 #[derive(Debug, Clone, clap::Parser)]
 #[command(name = "vitreo-calibration", version)]
 pub struct CalibrateArgs {
-    /// Logging.
-    #[command(flatten)]
-    pub log: LogArgs,
-    /// Whether files of settings are read.
-    #[command(flatten)]
-    pub settings: SettingsArgs,
     /// What to calibrate.
     #[command(subcommand)]
     pub task: Task,
+    /// Whether files of settings are read.
+    #[command(flatten)]
+    pub settings: SettingsArgs,
+    /// Logging.
+    #[command(flatten)]
+    pub log: LogArgs,
 }
 
 /// The calibrations.
@@ -100,7 +100,7 @@ pub struct OutputArgs {
     /// Print the report as JSON.
     #[arg(long, help_heading = "Outputs")]
     pub json: bool,
-    /// Write a picture of each camera's residuals into a folder.
+    /// Draw each camera's residuals as a picture in a folder.
     #[arg(long, value_name = "FOLDER", help_heading = "Outputs")]
     pub residuals: Option<PathBuf>,
     /// Whether files that exist are written over.

@@ -53,9 +53,13 @@ impl GreyImage {
         let found = looks_like(bytes);
         let refused = |problem: String| {
             anyhow!(
-                "picture {file}: expected a PNG or JPEG of at most {MAX_PX} px a side, found {found}: {problem}"
+                "picture {file}: expected a PNG or JPEG of at most {MAX_PX} px per side, found {found}: {problem}"
             )
         };
+        ensure!(
+            reader.format().is_some(),
+            "picture {file}: expected a PNG or JPEG of at most {MAX_PX} px per side, found {found}"
+        );
         let picture = contain(|| reader.decode()).map_err(refused)?.map_err(|e| refused(e.to_string()))?;
         let picture = picture.to_luma32f();
         let (width, height) = (picture.width() as usize, picture.height() as usize);

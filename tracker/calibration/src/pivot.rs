@@ -103,7 +103,7 @@ pub fn of_shafts(shafts: &[Shaft]) -> Result<Pivot, CalibrationError> {
             m += across(direction) * *w;
             r += across(direction) * origin.coords * *w;
         }
-        covariance = m.try_inverse().ok_or_else(|| degenerate("the shafts fix no point"))?;
+        covariance = m.try_inverse().ok_or_else(|| degenerate("the shafts do not determine a point"))?;
         point = covariance * r;
         weights = weights_of(&shafts.iter().map(|s| s.miss(&point).norm()).collect::<Vec<_>>());
     }
@@ -153,7 +153,7 @@ pub fn of_turns(poses: &[Isometry3<f64>]) -> Result<(Pivot, Point3<f64>), Calibr
                 TURN_RAD * 1e3
             )));
         }
-        inverse = m.try_inverse().ok_or_else(|| degenerate("the poses fix no pivot"))?;
+        inverse = m.try_inverse().ok_or_else(|| degenerate("the poses do not determine a pivot"))?;
         answer = &inverse * r;
         weights = weights_of(&poses.iter().map(|p| miss(p, &answer).norm()).collect::<Vec<_>>());
     }

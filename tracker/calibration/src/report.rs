@@ -148,15 +148,15 @@ impl fmt::Display for Report {
                 // Enough digits to show the uncertainty.
                 let digits = if name.starts_with(['f', 'c']) { 2 } else { 5 };
                 match v.sigma {
-                    0.0 => writeln!(f, "  {name:<3} {:>12.digits$}   held", v.value)?,
+                    0.0 => writeln!(f, "  {name:<3} {:>12.digits$}   fixed", v.value)?,
                     sigma => writeln!(f, "  {name:<3} {:>12.digits$} ± {sigma:.digits$}", v.value)?,
                 }
             }
             let [x, y, z] = c.centre_in_world_mm;
-            writeln!(f, "  centre in the world {x:.4} {y:.4} {z:.4}")?;
+            writeln!(f, "  centre in the world {x:.4} {y:.4} {z:.4} mm")?;
             if c.place_sigma.iter().any(|s| *s > 0.0) {
                 let [a, b, g, x, y, z] = c.place_sigma;
-                writeln!(f, "  place ± {a:.3} {b:.3} {g:.3} mrad, {x:.4} {y:.4} {z:.4}")?;
+                writeln!(f, "  pose uncertainty ± {a:.3} {b:.3} {g:.3} mrad, {x:.4} {y:.4} {z:.4} mm")?;
             }
         }
         for figure in &self.figures {

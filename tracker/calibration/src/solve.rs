@@ -199,7 +199,7 @@ pub enum SolveError {
         unknown: String,
     },
     /// The initial value is impossible.
-    #[error("the first guess puts points behind a camera")]
+    #[error("the initial estimate puts points behind a camera")]
     Start,
     /// The iteration did not converge.
     #[error(

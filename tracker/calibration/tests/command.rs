@@ -153,7 +153,7 @@ fn pictures_without_a_board_are_passed_over_and_named() {
     let mut args = [words("intrinsics --json --board 9x6"), pictures("left", &[1, 2, 3])].concat();
     args.push(blank.display().to_string());
     let told = report(&args);
-    assert!(told["notes"][0].as_str().unwrap().contains("blank.png passed over: no corners"), "{told}");
+    assert!(told["notes"][0].as_str().unwrap().contains("blank.png skipped: no corners"), "{told}");
     assert_eq!(told["sheets"].as_array().unwrap().len(), 3);
     let small = folder.path().join("small.png");
     image::GrayImage::from_pixel(320, 240, image::Luma([90])).save(&small).unwrap();
@@ -182,12 +182,12 @@ fn bad_input_is_refused_in_words() {
     let cases: [(String, i32, &str); 26] = [
         ("".into(), 2, "Usage"),
         ("intrinsics --board 9x6".into(), 2, "PICTURE"),
-        (format!("intrinsics {left}"), 1, "--board COLUMNSxROWS is needed"),
+        (format!("intrinsics {left}"), 2, "expected a board: --board COLUMNSxROWS"),
         (format!("intrinsics --board 9 {left}"), 2, "two whole numbers"),
         (format!("intrinsics --board 9x6 --without k9 {left}"), 2, "k9"),
         (format!("intrinsics --board 9x6 --pitch 0 {left}"), 2, "a number above 0"),
         (format!("intrinsics --board 9x6 {left}"), 1, "found in 1 pictures; at least 3"),
-        (format!("intrinsics --board 7x5 {left}"), 1, "found in none of 1 pictures"),
+        (format!("intrinsics --board 7x5 {left}"), 1, "not found in any of 1 pictures"),
         (format!("intrinsics --board 9x6 {nothing}"), 1, "no.jpg"),
         (format!("intrinsics --points {list} --size 640x480"), 1, "list.txt, line 2: X: expected a number"),
         (format!("stereo --board 9x6 --left {left} {left} --right {left}"), 1, "2 left and 1 right"),
@@ -216,7 +216,7 @@ fn bad_input_is_refused_in_words() {
             1,
             "as camera 0 of the rig has, found 640×480",
         ),
-        ("board --board 9x6 -o board.gif".into(), 1, "a name that ends in .svg or .png"),
+        ("board --board 9x6 -o board.gif".into(), 2, "a name that ends in .svg or .png"),
         (format!("dots --pictures {left}"), 2, "--target"),
         (format!("dots --pictures {left} --target {list} --picked {plane}"), 1, "line 1: expected 3 numbers"),
         (format!("waved --rig {rig} {blobs}"), 1, "blobs.jsonl, line 1"),
@@ -229,7 +229,7 @@ fn bad_input_is_refused_in_words() {
         assert!(!told.contains("panicked"), "{told}");
     }
     let (told, _) = refused(&["drift", &data("tracker/static/blobs.jsonl")]);
-    assert!(told.contains("--rig RIG.json is needed"), "{told}");
+    assert!(told.contains("a blob stream needs --rig RIG.json"), "{told}");
 }
 
 #[test]

@@ -14,6 +14,7 @@ use fpga_model::input::{Interlace, Picture};
 use fpga_model::pixels;
 use ipc::Bell;
 use ipc::clock::{now, sleep_until};
+use outputs::exit::WrongUse;
 use outputs::{Names, Outputs};
 use protocol::blobs::BlobField;
 use protocol::fields::{FieldHeader, FieldPicture};
@@ -184,11 +185,11 @@ impl Source {
     fn open(rig: &Rig, cameras: &Cameras, bell: &Bell, stop: &Arc<AtomicBool>) -> Result<Self> {
         match cameras {
             Cameras::Program(program) => {
-                bail!(
-                    "{}: the pictures of a program cannot be shown; expected v4l2:, genicam:, y4m:, mcap: \
-                     or virtual",
+                bail!(WrongUse(format!(
+                    "{}: expected v4l2:DEVICE, genicam:NAME, y4m:PATH, mcap:FILE or virtual; pictures of a \
+                     program cannot be shown",
                     program.display()
-                )
+                )))
             }
             Cameras::Virtual => {
                 let scene = SceneFile::load(DEFAULT_SCENE)?;

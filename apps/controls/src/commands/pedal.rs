@@ -27,7 +27,7 @@ pub struct PedalArgs {
     /// inputs are shown.
     #[arg(value_name = "SPEC")]
     pub pedal: PedalSpec,
-    /// Learn a mapping from key presses and write it to this file.
+    /// Learn a mapping from presses of the pedal and write it to this file.
     #[arg(long, value_name = "FILE.toml")]
     pub learn: Option<PathBuf>,
     /// `--force`.
@@ -148,8 +148,9 @@ impl Walk<'_> {
     /// Asks for one of them, pressed and let go.
     fn step(&mut self, what: &str, mut learn: impl FnMut(&Inputs, &Inputs) -> Option<String>) -> Result<()> {
         let before = self.pedal.inputs.clone();
-        let pressed = self
-            .look(&format!("Press {what} fully, hold it, and press Enter; only Enter if there is none."))?;
+        let pressed = self.look(&format!(
+            "Press {what} fully, hold it, and press Enter; press only Enter if the pedal has none."
+        ))?;
         if pressed == before {
             return Ok(());
         }

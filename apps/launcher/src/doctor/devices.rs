@@ -19,10 +19,10 @@ pub(super) fn checks() -> Vec<Check> {
     vec![
         judge(
             "cameras",
-            "none: vitreo blobs reads pictures and clips",
+            "none found (vitreo blobs also reads pictures and clips)",
             &cameras(Path::new("/dev"), Path::new("/sys/class/video4linux")),
         ),
-        judge("gamepads", "none: use mouse and keyboard instead", &gamepads.collect::<Vec<_>>()),
+        judge("gamepads", "none found (use mouse and keyboard)", &gamepads.collect::<Vec<_>>()),
         judge(
             "pedals",
             "none recognised by name: vitreo pedal shows any device (docs/controls.md)",

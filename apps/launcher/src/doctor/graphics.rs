@@ -131,7 +131,7 @@ fn drivers(manifests: &[Manifest]) -> Check {
     let broken: Vec<String> = manifests.iter().map(title).collect();
     let found = match broken.is_empty() {
         true => "none".to_string(),
-        false => format!("manifests without their library: {}", broken.join(", ")),
+        false => format!("driver manifests whose library is missing: {}", broken.join(", ")),
     };
     Check::fail(name, found, format!("{INSTALL}; or {WITHOUT}"))
 }

@@ -73,9 +73,10 @@ fn limit(resource: Resource) -> Option<u64> {
 fn realtime(allowed: bool, limit: Option<u64>) -> Check {
     let name = "real-time priority";
     if allowed {
-        return Check::ok(name, "granted: fields do not wait for other programs");
+        return Check::ok(name, "granted");
     }
-    let limit = limit.map_or("unlimited, but not granted (is chrt there?)".into(), |l| format!("limit {l}"));
+    let limit =
+        limit.map_or("unlimited, but not granted (is chrt installed?)".into(), |l| format!("limit {l}"));
     Check::warn(
         name,
         format!("{limit}: tracker and simulation share the processor like any program"),
@@ -97,15 +98,18 @@ fn memory_lock(limit: Option<u64>) -> Check {
 }
 
 fn terminal(is_terminal: bool) -> Check {
-    let found =
-        if is_terminal { "yes: a run shows its status" } else { "no: a run writes a line every 10 s" };
+    let found = if is_terminal {
+        "interactive: a run shows its status"
+    } else {
+        "not interactive: a run prints a status line every 10 s"
+    };
     Check::ok("terminal", found)
 }
 
 fn binary(name: &'static str) -> Check {
     match programs::find(name) {
         Ok(path) => Check::ok(name, path.display().to_string()),
-        Err(_) => Check::fail(name, "not beside vitreo", "cargo build --release --workspace"),
+        Err(_) => Check::fail(name, "not found next to vitreo", "cargo build --release --workspace"),
     }
 }
 

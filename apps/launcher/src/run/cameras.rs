@@ -45,12 +45,12 @@ fn missing(cameras: Option<&Cameras>, rig: Option<&Path>) -> Option<String> {
 /// cameras, a source is of the wrong kind, `--direct` is used with streams, or a recording does not fit the
 /// rig.
 pub fn check(real: &RealCamerasArgs, rig: Option<&Path>, direct: bool) -> anyhow::Result<()> {
-    if real.given().is_some() && rig.is_none() {
-        let problem = "--cameras: expected the rig of these cameras, --rig RIG.json (only a recording, mcap:FILE, brings its own)";
-        return Err(WrongUse(problem.into()).into());
-    }
     if let Some(program) = real.program() {
-        return check_program(program);
+        check_program(program)?;
+    }
+    if real.given().is_some() && rig.is_none() {
+        let problem = "--cameras: expected the rig of these cameras, --rig RIG.json (only a recording, mcap:FILE, contains its own)";
+        return Err(WrongUse(problem.into()).into());
     }
     let Some(streams) = real.streams() else { return Ok(()) };
     if direct {

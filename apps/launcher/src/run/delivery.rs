@@ -48,7 +48,10 @@ pub fn unheard(args: &RunArgs, poses: u64, since_ns: Nanos) -> Option<Finding> {
 /// Message about a source that has been awaited for `since_ns`, ns; `says` is the status text of its process.
 pub fn awaited(source: &str, says: &str, since_ns: Nanos) -> String {
     let says = if says.is_empty() { "is it sending?" } else { says };
-    format!("nothing from {source} for {:.0} s: {says}; the run begins when it comes", since_ns as f64 * 1e-9)
+    format!(
+        "nothing from {source} for {:.0} s: {says}; the run starts when data arrive",
+        since_ns as f64 * 1e-9
+    )
 }
 
 /// Error of a finished run that received no pose from its source. `None` for a run that waits for a user by
@@ -63,7 +66,7 @@ pub fn never_came(args: &RunArgs, report: &Report) -> Option<String> {
         0 => "nothing of use".to_owned(),
         fields => format!("{fields} camera-fields, and no frame of them,"),
     };
-    Some(format!("the run had not one pose: {what} came from {source}{says}"))
+    Some(format!("no pose was computed in this run: {what} came from {source}{says}"))
 }
 
 #[cfg(test)]
@@ -111,7 +114,7 @@ mod tests {
     fn a_run_without_one_pose_has_failed() {
         let (mut args, mut report) = (other_tracker(), report());
         let text = never_came(&args, &report).unwrap();
-        assert_eq!(text, "the run had not one pose: nothing of use came from igtl:h:7");
+        assert_eq!(text, "no pose was computed in this run: nothing of use came from igtl:h:7");
         report.received.insert("blobs", 9);
         assert!(never_came(&args, &report).unwrap().contains("9 camera-fields, and no frame of them"));
         report.received.insert("poses", 1);

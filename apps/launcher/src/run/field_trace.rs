@@ -18,7 +18,7 @@ pub struct TraceOutArgs {
     #[arg(long, value_name = "FILE.json")]
     pub trace_out: Option<PathBuf>,
     /// Trace the last S seconds of the run, 1 to 600 [default: 30].
-    #[arg(long, value_name = "S", requires = "trace_out", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SECONDS)))]
+    #[arg(long, value_name = "S", requires = "trace_out", value_parser = settings::commands::numbers::whole::<u32>(1, MAX_SECONDS.into()))]
     pub trace_seconds: Option<u32>,
 }
 

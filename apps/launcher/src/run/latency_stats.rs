@@ -236,8 +236,8 @@ impl Verdict {
     /// Verdict as text.
     pub fn text(self) -> &'static str {
         match self {
-            Verdict::Kept => "kept",
-            Verdict::Broken => "BROKEN",
+            Verdict::Kept => "met",
+            Verdict::Broken => "EXCEEDED",
             Verdict::NotAsserted => "not asserted",
             Verdict::NoSamples => "no samples",
         }
@@ -340,7 +340,7 @@ impl StageFigures {
         }
         let worst = self.worst_field.unwrap_or_default();
         let (what, max) = (broken.join("; "), self.max_ms);
-        format!("budget broken: {stage} ({}): {what}; worst: field {worst} with {max:.2} ms", self.span)
+        format!("budget exceeded: {stage} ({}): {what}; worst: field {worst} with {max:.2} ms", self.span)
     }
 }
 

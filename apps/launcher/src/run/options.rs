@@ -37,7 +37,7 @@ use std::time::SystemTime;
 /// Arguments of `vitreo run`.
 #[derive(Debug, Clone, Default, clap::Args)]
 // The virtual rig alone may play a stream of the shipped rig; a run must name the stream's rig.
-#[command(mut_arg("blobs", |arg| arg.requires("rig")))]
+#[command(mut_arg("blobs", |arg| arg.requires("rig").help_heading("Cameras")))]
 #[command(group = ArgGroup::new("recorded").multiple(true).args(["record", "trainee"]))]
 #[command(mut_arg("split", |arg| arg.requires("recorded")))]
 pub struct RunArgs {
@@ -49,7 +49,7 @@ pub struct RunArgs {
     #[command(flatten)]
     pub rig: RigArgs,
     /// Stop after S seconds [default: at the end of the stream, or on Ctrl-C].
-    #[arg(long, value_name = "S", value_parser = positive)]
+    #[arg(long, value_name = "S", value_parser = positive, allow_negative_numbers = true)]
     pub duration: Option<f64>,
     /// Stop this long after the scripted surgeon's round, s.
     #[arg(skip)]
@@ -99,7 +99,7 @@ pub struct RunArgs {
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Training")]
 pub struct TrainingArgs {
-    /// Module to train, by name or folder (vitreo modules lists them); it brings its own scene.
+    /// Module to train, by name or folder (vitreo modules lists them); it includes its own scene.
     #[arg(long, value_name = "NAME|FOLDER", conflicts_with = "scene")]
     pub module: Option<String>,
     /// Level of the module, from 1.
@@ -112,8 +112,8 @@ pub struct TrainingArgs {
     /// or keys) or quit.
     #[arg(long, requires = "module")]
     pub stay: bool,
-    /// Save the attempt in the results store under this pseudonym; without --record, the recording goes
-    /// beside the store.
+    /// Save the attempt in the results store under this pseudonym; without --record, the recording is saved
+    /// next to the store.
     #[arg(long, value_name = "NAME", requires = "module")]
     pub trainee: Option<String>,
     /// Path of the store.
@@ -125,12 +125,9 @@ pub struct TrainingArgs {
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Cameras")]
 pub struct RealCamerasArgs {
-    /// Source of the pictures: virtual (the default); one source per camera of the rig: v4l2:/dev/videoN,
-    /// genicam:NAME (GigE Vision or USB3 Vision; both take ?exposure_us=2000&gain=4&trigger=external) or
-    /// y4m:PATH, a pipe or file of fields (?parity=1 if the first field has the odd lines); mcap:FILE, a
-    /// recording of all cameras by vitreo cameras --record-fields, which brings its rig (docs/cameras.md); or a program that
-    /// publishes fields (blobs with --direct), handles and pedal (docs/camera-hardware.md). Every
-    /// source except virtual and mcap:FILE needs --rig.
+    /// Camera sources: virtual (the default); one per camera in the order of the rig: v4l2:/dev/videoN, genicam:NAME or
+    /// y4m:PATH; mcap:FILE from vitreo cameras --record-fields; or a program that publishes fields. All but virtual and
+    /// mcap:FILE need --rig. Settings and examples: docs/cameras.md, docs/camera-hardware.md.
     #[arg(
         long,
         value_name = "virtual|v4l2:DEVICE,...|genicam:NAME,...|y4m:PATH,...|mcap:FILE|PROGRAM",
@@ -147,7 +144,7 @@ pub struct RealCamerasArgs {
     )]
     pub poses: Option<OtherTracker>,
     /// Channels fed by external drivers through libvitreo (docs/drivers.md): blobs, fields or poses replace
-    /// the cameras and need --rig; handles and pedal also work beside cameras.
+    /// the cameras and need --rig; handles and pedal can also be combined with cameras.
     #[arg(long, value_name = "CHANNEL,...")]
     pub external: Option<External>,
     /// Run without a scripted surgeon; wait until --cameras and --rig are configured and connected, and report what is
@@ -219,7 +216,7 @@ pub struct JudgeArgs {
     #[arg(long)]
     pub assert_budgets: bool,
     /// Exit with code 6 if a body was tracked in a smaller fraction of the frames, 0 to 1.
-    #[arg(long, value_name = "FRACTION", value_parser = share)]
+    #[arg(long, value_name = "FRACTION", value_parser = share, allow_negative_numbers = true)]
     pub assert_tracking: Option<f64>,
     /// Exit with code 7 if the report has warnings about cameras, rig or tracking.
     #[arg(long)]
@@ -235,6 +232,7 @@ pub struct JudgeArgs {
 /// Window, files and layout of the picture.
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Picture")]
+#[command(mut_arg("monitor", |arg| arg.conflicts_with_all(["headless", "no_picture"])))]
 pub struct ViewArgs {
     /// Draw without a window.
     #[arg(long, conflicts_with_all = ["window", "no_picture", "full_screen"])]

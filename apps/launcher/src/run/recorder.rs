@@ -396,7 +396,7 @@ impl<S: Store> Thread<S> {
 
     /// Gives up: the file ends with its last complete chunk.
     fn give_up(self, problem: &RecordingError) {
-        let text = format!("{problem}; the file could not be closed (vitreo recover makes it whole)");
+        let text = format!("{problem}; the file could not be closed (vitreo recover repairs it)");
         self.progress.lock().failure = Some(text);
     }
 }

@@ -307,12 +307,12 @@ impl Report {
         let load = self.load.map_or_else(|| NO_LOAD.to_owned(), |l| l.text());
         let explained = self.load.is_some_and(|l| broken.iter().all(|s| l.explains(&s.judged())));
         match (judged.is_empty(), broken.is_empty(), explained) {
-            (true, ..) => "budgets: nothing was judged".into(),
-            (_, true, _) => format!("budgets: all {} kept; {load}", judged.len()),
+            (true, ..) => "budgets: none was checked".into(),
+            (_, true, _) => format!("budgets: all {} met; {load}", judged.len()),
             (_, _, true) => format!(
-                "budgets: {names} broken, no further than the machine's load explains ({load}); try again when it is quiet"
+                "budgets: {names} exceeded, by no more than the machine's load explains ({load}); try again on an idle machine"
             ),
-            _ => format!("budgets: {names} broken by the program itself; {load}"),
+            _ => format!("budgets: {names} exceeded, and the load does not explain it; {load}"),
         }
     }
 

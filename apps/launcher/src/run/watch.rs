@@ -61,7 +61,7 @@ fn slow_picture(monitor: &Monitor) -> Option<Finding> {
     (rate < SLOW_SHARE * ASKED_HZ).then(|| Finding {
         what: format!("the picture runs at {rate:.0} Hz instead of {ASKED_HZ} Hz"),
         cause: format!(
-            "this machine draws 2 × {} × {} px no faster beside the other processes",
+            "this machine cannot draw 2 × {} × {} px faster while the other processes run",
             frame.width_px, frame.height_px
         ),
         remedy: "end other programs, or use a graphics card; vitreo doctor shows the graphics adapter".into(),

@@ -275,7 +275,7 @@ fn explain(rig: &Rig, cameras: &[Camera], pairs: Vec<BlobPair>, step: &dyn Fn())
         let alike: Vec<Fit> =
             alike.filter(|fit| (fit.left_px2 - best.left_px2) / variance < SHOWN_CHI2).cloned().collect();
         let evidence = format!(
-            "explains {:.1} % of what {} blobs moved, which was {:.2} px RMS; {:.3} px are left",
+            "explains {:.1} % of the difference of {} blobs, {:.2} px RMS; the remainder is {:.3} px",
             100.0 * (1.0 - best.left_px2 / left_px2),
             all,
             rms(left_px2),
@@ -297,7 +297,7 @@ fn finish(mut found: Vec<Finding>, moved_px: f64, left_px: f64) -> Vec<Finding> 
     if left_px > NOISE_PX {
         found.iter_mut().for_each(|f| f.confidence = Confidence::Possible);
         let evidence =
-            format!("no change of cameras, clocks or markers explains it; {left_px:.2} px are left");
+            format!("no change of cameras, clocks or markers explains the remaining {left_px:.2} px");
         found.push(Finding::new(Cause::OtherMotion { rms_px: moved_px }, Confidence::Possible, evidence));
     } else if found.is_empty() {
         let evidence = "no change of cameras, clocks or markers explains a part of it";

@@ -102,7 +102,7 @@ fn inputs(c: &Comparison, out: &mut String) {
     let _ = writeln!(out, "\ninputs");
     let _ = writeln!(
         out,
-        "  camera-fields {} compared, {} in one recording only, blobs of {} differ, stamps of {} differ",
+        "  camera-fields {} compared, {} in one recording only, blobs of {} differ, timestamps of {} differ",
         i.fields_compared, i.fields_missing, i.blobs_differ, i.stamps_differ
     );
     let _ = writeln!(
@@ -156,7 +156,7 @@ fn states_and_events(c: &Comparison, out: &mut String) {
     }
     let _ = writeln!(
         out,
-        "events: {} identical, {} with other figures, {} in one recording only",
+        "events: {} identical, {} with different values, {} in one recording only",
         e.identical, e.shifted, e.unpaired
     );
     for event in e.unpaired_list.iter().take(LISTED) {

@@ -102,7 +102,7 @@ impl Pictures {
         let stands_ns = exposed.min(self.end).saturating_sub(self.next);
         ensure!(
             self.shown.is_none() || stands_ns <= LONGEST_STAND_NS,
-            "step {}: {} s after the step before; --from or --until leaves that out",
+            "step {}: {} s after the previous step; skip the gap with --from or --until",
             step.step,
             stands_ns / 1_000_000_000
         );

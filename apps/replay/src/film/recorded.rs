@@ -42,7 +42,7 @@ pub fn play(
             done
         }
     };
-    ensure!(pictures.has_shown(), "{}: holds no step to be drawn", recording.path().display());
+    ensure!(pictures.has_shown(), "{}: contains no step to be drawn", recording.path().display());
     Ok(done)
 }
 

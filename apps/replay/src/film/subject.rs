@@ -54,7 +54,7 @@ impl Subject {
         }
         if args.span != SpanArgs::default() {
             bail!(WrongUse(format!(
-                "--from, --until: of a recording; {} is a module, --length ends it",
+                "--from, --until: apply to recordings; {} is a module (--length limits its film)",
                 args.subject
             )));
         }
@@ -81,7 +81,7 @@ impl Subject {
         ];
         if let Some((option, _)) = of_modules.iter().find(|(_, given)| *given) {
             let shown = file.display();
-            bail!(WrongUse(format!("{option}: of a module; {shown} is a recording, --until ends it")));
+            bail!(WrongUse(format!("{option}: applies to films of modules; {shown} is a recording")));
         }
         let recording = Recording::open(file)?;
         let provenance = recording.provenance();
@@ -125,7 +125,7 @@ impl Subject {
     pub fn share(&self, shown_s: f64) -> &'static str {
         match &self.kind {
             Kind::Module { asked_s, .. } if shown_s + 0.1 < *asked_s => "the whole of it",
-            Kind::Module { .. } => "as long as asked for",
+            Kind::Module { .. } => "reached --length",
             Kind::Recording(..) => "drawn again from the recording",
         }
     }

@@ -217,9 +217,7 @@ impl Browser {
         };
         match found {
             Some(n) => self.at = n,
-            None => {
-                self.said = format!("no such place {}", if forward { "behind this" } else { "before this" })
-            }
+            None => self.said = format!("no {} such place", if forward { "further" } else { "earlier" }),
         }
     }
 
@@ -278,7 +276,7 @@ mod tests {
         press(&mut b, "page-down");
         assert_eq!(b.at(), 300);
         press(&mut b, "page-down");
-        assert_eq!((b.at(), b.said.as_str()), (300, "no such place behind this"));
+        assert_eq!((b.at(), b.said.as_str()), (300, "no further such place"));
         press(&mut b, "page-up");
         assert_eq!((b.at(), b.said.as_str()), (40, ""));
         press(&mut b, "end right up");

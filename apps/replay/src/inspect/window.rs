@@ -65,13 +65,13 @@ pub fn run(recording: &Recording, rig: &Rig, field: Option<u64>) -> anyhow::Resu
     }
     let name = recording.path().display();
     let (Some(first), Some(last)) = (frames.first(), frames.last()) else {
-        bail!("{name}: holds no tracker frame");
+        bail!("{name}: contains no tracker frame");
     };
     let at = match field {
         None => 0,
         Some(field) => frames.iter().position(|m| m.field == field).ok_or_else(|| {
-            let holds = format!("it holds fields {} to {}", first.field, last.field);
-            WrongUse(format!("{name}: no frame of field {field}; {holds}"))
+            let holds = format!("it contains fields {} to {}", first.field, last.field);
+            WrongUse(format!("{name}: no field {field}; {holds}"))
         })?,
     };
     let browser = Browser::new(frames, at, rig.cameras().len());

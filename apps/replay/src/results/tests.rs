@@ -70,7 +70,7 @@ fn a_list_shows_what_was_not_finished() {
     let failed = Attempt { failed: Some("lens contact".into()), finished: true, surgeon, ..attempt.clone() };
     let text = list(&[stored(attempt), stored(broken), stored(failed)]);
     assert!(
-        text.contains("  broken off\n") && text.contains("  failed: lens contact  (script: expert)\n"),
+        text.contains("  aborted\n") && text.contains("  failed: lens contact  (script: expert)\n"),
         "{text}"
     );
     assert!(text.contains("t7") && text.contains("40.00 ± 0.00") && text.contains("not finished"), "{text}");

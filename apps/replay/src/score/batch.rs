@@ -365,6 +365,10 @@ fn summary(table: &Table, repeated: u64, wall_s: Option<f64>) -> u8 {
             warn(&format!("same content as {first}: {file}"));
         }
     }
+    if table.rows == 0 {
+        inform("no recordings to score");
+        return 0;
+    }
     let there = |cells: &[Option<String>]| cells.iter().flatten().count();
     let (damaged, same) = (there(problems), there(same));
     let differing = agrees.iter().filter(|agrees| **agrees == Some(false)).count();

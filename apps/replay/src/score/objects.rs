@@ -75,7 +75,7 @@ pub enum ObjectError {
         problem: String,
     },
     /// There is no such bucket.
-    #[error("{address}: there is no bucket '{bucket}'")]
+    #[error("{address}: no such bucket: '{bucket}'")]
     NoBucket {
         /// What was asked for.
         address: String,

@@ -196,10 +196,7 @@ pub fn gather(place: &Place<'_>) -> anyhow::Result<ShardTable> {
                 At::Folder(folder) => folder.display().to_string(),
                 At::Below(address) => address.to_string(),
             };
-            bail!(
-                "{place}: not the whole of a batch ({} problems, above); nothing was written",
-                problems.0.len()
-            )
+            bail!("{place}: incomplete batch ({} problems, above); nothing was written", problems.0.len())
         }
     }
 }

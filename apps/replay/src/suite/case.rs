@@ -220,7 +220,7 @@ fn of_stream(case: &Case, folder: &Path, blobs: &Path) -> anyhow::Result<Checked
     let rig = Rig::load(&file(&case.rig).context("rig")?)?;
     tracker::rig_check::check(&rig).context("the rig is not usable")?;
     let fields = BlobReader::open(blobs)?.collect::<Result<Vec<_>, _>>()?;
-    ensure!(!fields.is_empty(), "{}: holds no field", blobs.display());
+    ensure!(!fields.is_empty(), "{}: contains no field", blobs.display());
     let mut tips = file(&case.truth).map(|path| Tips::load(&path)).transpose()?;
     let (mut tracking, mut events) = (Tracking::new(&rig), Vec::new());
     let mut world = World::new(&SceneFile::load(DEFAULT_SCENE)?).context("scene")?.unseen();
@@ -240,7 +240,7 @@ fn of_stream(case: &Case, folder: &Path, blobs: &Path) -> anyhow::Result<Checked
         let rms = tips.as_ref().and_then(|tips| tips.rms_um(body));
         checked.expect(rms.is_some_and(|rms| rms <= *most), || match rms {
             Some(rms) => format!("{name}: expected a tip within {most} µm RMS, found {rms:.2}"),
-            None => format!("{name}: the truth holds no instant at which it was measured"),
+            None => format!("{name}: the truth contains no instant at which it was measured"),
         });
     }
     Ok(checked)

@@ -32,8 +32,16 @@ fn stretches_are_runs_of_steps_that_could_be_compared() {
     verdict.step(&step, &step);
     let states = &verdict.states;
     assert_eq!((states.compared, states.stretches, states.undetermined, states.recorded), (3, 2, 2, 5));
-    assert!(verdict.text().contains("3 of 5 states from recorded poses identical, in 2 stretches"));
-    assert!(verdict.left_out().contains(&"2 steps lack inputs".to_string()), "{:?}", verdict.left_out());
+    assert!(
+        verdict
+            .text()
+            .contains("3 of 3 compared states (5 recorded) from recorded poses identical, in 2 stretches")
+    );
+    assert!(
+        verdict.left_out().contains(&"2 steps could not be compared: inputs are missing".to_string()),
+        "{:?}",
+        verdict.left_out()
+    );
 }
 
 #[test]

@@ -39,7 +39,7 @@ impl Beginning {
         if is_other_scene(provenance, &setting.scene) {
             let file = recording.path().display();
             bail!(WrongUse(format!(
-                "{file}: is a cut part and begins with the eye's state at the cut, which fits no other scene; change the scene of the whole recording, then cut"
+                "{file}: is a cut part that begins with the eye's state at the cut, which no other scene can continue; change the scene of the whole recording, then cut"
             )));
         }
         let mut beginning = Beginning { world: world_at_start(recording), ..Beginning::default() };

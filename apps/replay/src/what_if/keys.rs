@@ -63,7 +63,7 @@ pub fn settable(scene: &SceneFile) -> Vec<Settable> {
         unit: unit_of(&path).into(),
         default,
         range: None,
-        meaning: "number of the scene file".into(),
+        meaning: "value in the scene file".into(),
     });
     of_tracker.chain(of_scene).collect()
 }

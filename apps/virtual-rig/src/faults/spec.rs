@@ -27,7 +27,7 @@ pub const MAX_HOT: u32 = 10_000;
 
 /// A preset that there is not: wrong use, not a failure.
 #[derive(Debug, thiserror::Error)]
-#[error("--faults: expected a file name ending in .toml or some of {known}, found '{found}'")]
+#[error("--faults: expected a file name ending in .toml or one or more of {known}, found '{found}'")]
 pub struct UnknownPreset {
     /// Every preset.
     known: String,

@@ -173,9 +173,7 @@ impl Ears {
                     message(Level::WARN, &text);
                 }
             }
-            Heard::Begun(why) => {
-                self.complain(format!("the stream's clock is tied to this machine's: {why}"), at)
-            }
+            Heard::Begun(why) => self.complain(format!("clock offset to the stream estimated: {why}"), at),
         }
         Ok(())
     }

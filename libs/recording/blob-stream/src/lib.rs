@@ -28,7 +28,7 @@ const MAX_LINE_BYTES: u64 = 16 << 20;
 #[derive(Debug, thiserror::Error)]
 pub enum BlobStreamError {
     /// The file cannot be read.
-    #[error("blob stream {file}: {source}")]
+    #[error("blob stream {file}: {}", in_words(source))]
     Read {
         /// The file.
         file: String,
@@ -45,6 +45,13 @@ pub enum BlobStreamError {
         /// What was expected and what was found.
         problem: String,
     },
+}
+
+fn in_words(source: &std::io::Error) -> String {
+    match source.kind() {
+        std::io::ErrorKind::InvalidData => "expected lines of JSON, found a binary file".into(),
+        _ => source.to_string(),
+    }
 }
 
 /// Number and instants of a camera-field: a line without its blobs.

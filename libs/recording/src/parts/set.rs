@@ -99,7 +99,7 @@ fn refuse_strangers(found: &mut [Found], first: usize) {
         } else {
             seen.insert(own.number, name.clone()).map(|other| {
                 seen.insert(own.number, other.clone());
-                format!("holds part {}, as does {other}", own.number)
+                format!("contains part {}, as does {other}", own.number)
             })
         };
         if let Some(problem) = problem {

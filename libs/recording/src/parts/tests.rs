@@ -261,13 +261,13 @@ fn foreign_damaged_empty_and_doubled_parts_are_told() {
     told_of(&fs::read(part_file(&other, 2)).unwrap(), "another recording than");
     told_of(&fs::read(part_file(&other, 4)).unwrap(), "another recording than");
     told_of(&fs::read(part_file(&of_rig, 2)).unwrap(), "another recording than");
-    told_of(b"", "does not begin as an MCAP file");
+    told_of(b"", "is not an MCAP file");
     told_of(&good[..60], "ends before its provenance");
     fs::write(&second, &good).unwrap();
     // The same part under another name.
     fs::write(part_file(&base, 6), &good).unwrap();
     let (count, first) = problems(&Recording::open(&base).unwrap());
-    assert!(count == 1 && first.contains("holds part 2, as does"), "{first}");
+    assert!(count == 1 && first.contains("contains part 2, as does"), "{first}");
     fs::remove_file(part_file(&base, 6)).unwrap();
     // A file of its own is none of the parts.
     Writer::create(&part_file(&base, 6), &provenance("r")).unwrap().finish().unwrap();

@@ -135,7 +135,10 @@ fn what_is_no_recording_of_pixels_is_refused_by_name() {
     assert!(read(&path, None).2.unwrap_err().to_string().contains("a.mcap: not a vitreo recording"));
     crate::Writer::create(&path, &crate::Provenance::default()).unwrap().finish().unwrap();
     let told = read(&path, None).2.unwrap_err().to_string();
-    assert!(told.contains("it holds \"vitreo\", not pixels"), "{told}");
+    assert!(
+        told.contains("expected a recording of pixels") && told.contains("found a recording of a run"),
+        "{told}"
+    );
     let mut writer = PixelsWriter::on(File::create(&path).unwrap(), &path, &head()).unwrap();
     let (header, samples) = field(0, 1, 3);
     assert!(writer.write(&header, &samples).unwrap_err().to_string().contains("no camera 1"));

@@ -23,7 +23,7 @@ fn a_recording_becomes_an_attempt_and_one_not_begun_is_not_kept() {
     broken_off(&file);
     let mut store = Store::open_or_create(&store).unwrap();
     let problem = keep(&mut store, "t7", &file).unwrap_err().to_string();
-    assert!(problem.contains("a.mcap") && problem.contains("not begun"), "{problem}");
+    assert!(problem.contains("a.mcap") && problem.contains("never started"), "{problem}");
     let attempt = attempt_of(&Recording::open(&file).unwrap(), &score_file(&file).unwrap());
     assert_eq!((attempt.at_s, attempt.seed, attempt.surgeon.as_deref()), (1_032_942_600, Some(42), None));
     assert_eq!(attempt.categories.iter().map(|c| c.of).sum::<f64>(), 100.0);
@@ -45,7 +45,7 @@ fn a_recording_is_one_trainees_attempt() {
     assert!(other.contains("a.mcap: this recording is attempt 4 of t8"), "{other}");
     assert!(check(&[("t7".into(), 3, 4), ("t8".into(), 4, 4)]).is_err());
     let older = check(&[("t7".into(), 3, 4)]).unwrap();
-    assert!(older.len() == 1 && older[0].contains("also attempt 3 of t7, by version 4"), "{older:?}");
+    assert!(older.len() == 1 && older[0].contains("also attempt 3 of t7, with score version 4"), "{older:?}");
     assert!(check(&[]).unwrap().is_empty());
     let folder = tempfile::tempdir().unwrap();
     let mut store = Store::open_or_create(&folder.path().join("r.sqlite")).unwrap();

@@ -87,7 +87,7 @@ pub enum StoreError {
         found: i64,
     },
     /// There is none.
-    #[error("results store {file}: no such file; `vitreo run --module NAME --trainee NAME` makes it")]
+    #[error("results store {file}: no such file; `vitreo run --module NAME --trainee NAME` creates it")]
     Missing {
         /// The file.
         file: String,
@@ -125,7 +125,7 @@ pub(super) fn store_error(path: &Path, patience: Duration, error: rusqlite::Erro
             StoreError::Refused { file, owner: owner_of(path) }
         }
         Some(ErrorCode::NotADatabase) => {
-            StoreError::Foreign { file, found: "a file that is no database".into() }
+            StoreError::Foreign { file, found: "a file that is not a database".into() }
         }
         Some(ErrorCode::DatabaseCorrupt) => StoreError::Damaged { file, problem: error.to_string() },
         _ => StoreError::Other { file, problem: error.to_string() },

@@ -420,7 +420,7 @@ fn a_truncated_store_is_refused_at_every_length() {
     for length in &lengths {
         std::fs::write(&path, &whole[..*length]).unwrap();
         let Err(error) = output(&path) else { panic!("{length} bytes of {} are taken", whole.len()) };
-        let named = error.contains("damaged") || error.contains("no database");
+        let named = error.contains("damaged") || error.contains("not a database");
         assert!(named && error.contains("results.sqlite"), "{length}: {error}");
         assert_eq!(std::fs::read(&path).unwrap(), whole[..*length], "it is left unchanged");
     }

@@ -1,5 +1,6 @@
 //! The command line of `vitreo bridge`, and the source of `vitreo run --poses`.
 
+use clap::ArgGroup;
 use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -31,9 +32,10 @@ pub struct OtherTracker {
 
 /// Arguments of `vitreo bridge`.
 #[derive(Debug, Clone, clap::Args)]
+#[command(group = ArgGroup::new("service").required(true).multiple(true).args(["igtl", "foxglove", "from"]))]
 pub struct BridgeArgs {
     /// Serve poses by OpenIGTLink (3D Slicer, PLUS) on this port; 0.0.0.0:PORT accepts other machines.
-    #[arg(long, value_name = "[HOST:]PORT", required_unless_present_any = ["from", "foxglove"])]
+    #[arg(long, value_name = "[HOST:]PORT")]
     pub igtl: Option<Listen>,
     /// Serve poses, events and the health of the processes to Foxglove, Lichtblick and PlotJuggler (WebSocket)
     /// on this port; 0.0.0.0:PORT accepts other machines.
@@ -44,11 +46,11 @@ pub struct BridgeArgs {
     pub from: Option<Server>,
     /// File that maps the other tracker's transforms to bodies, with their uncertainty (docs/bridge.md)
     /// [default: the names that --igtl sends].
-    #[arg(long, value_name = "MAP.toml", requires = "from")]
+    #[arg(long, value_name = "MAP.toml", requires = "from", conflicts_with_all = ["igtl", "foxglove"])]
     pub map: Option<PathBuf>,
     /// OpenIGTLink version: 3 sends a body's status with each transform, 1 and 2 send it in separate
     /// messages.
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u8).range(1..=3))]
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = super::numbers::whole::<u8>(1, 3))]
     pub igtl_version: u8,
     /// Name of the simulator; it may start later than the bridge, and restart.
     #[arg(long, value_name = "NAME", default_value = "main")]

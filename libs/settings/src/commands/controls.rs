@@ -62,7 +62,7 @@ impl FromStr for PedalSpec {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let expected = "evdev:/dev/input/eventN[,MAPPING] or hidraw:/dev/hidrawN,MAPPING";
+        let expected = "evdev:/dev/input/eventN[,MAPPING] or hidraw:/dev/hidrawN[,MAPPING]";
         let refused = || format!("expected {expected}, found {text:?}");
         let interfaces = [PedalInterface::Evdev, PedalInterface::Hidraw];
         let found = interfaces

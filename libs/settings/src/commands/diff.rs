@@ -15,7 +15,7 @@ pub struct DiffArgs {
     pub b: PathBuf,
     /// Largest pose difference that counts as equal, µm at the tip (for the eye: at its wall). With 0, every
     /// recorded input, pose, event and state must be identical.
-    #[arg(long, value_name = "UM", default_value_t = 0.0, value_parser = not_negative)]
+    #[arg(long, value_name = "UM", default_value_t = 0.0, value_parser = not_negative, allow_negative_numbers = true)]
     pub tolerance: f64,
     /// Compare the recordings only, not their scores.
     #[arg(long)]

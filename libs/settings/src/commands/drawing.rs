@@ -11,13 +11,13 @@ pub struct DrawingArgs {
     #[arg(long, value_name = "DIR", help_heading = "Picture")]
     pub stills: Option<PathBuf>,
     /// Time between stills, s.
-    #[arg(long, value_name = "S", default_value_t = 5.0, value_parser = seconds, requires = "stills", help_heading = "Picture")]
+    #[arg(long, value_name = "S", default_value_t = 5.0, value_parser = seconds, allow_negative_numbers = true, requires = "stills", help_heading = "Picture")]
     pub every: f64,
     /// Save stills as JPEG of at most KB kB instead of PNG.
     #[arg(long, value_name = "KB", requires = "stills", help_heading = "Picture")]
     pub jpeg: Option<u32>,
-    /// Quality tier, 0 (best, 2×1280×1024) to 8 [default: 1 for a module, 0 for a recording].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..9), help_heading = "Picture")]
+    /// Quality tier, 0 (best, 2×1280×1024) to 8 [default: 0; 1 for a film of a module].
+    #[arg(long, value_name = "N", value_parser = super::numbers::whole::<u32>(0, 8), help_heading = "Picture")]
     pub tier: Option<u32>,
     /// The fundus photograph.
     #[command(flatten)]

@@ -15,14 +15,14 @@ pub struct FilmArgs {
     /// Level of the module, from 1 [default: the last].
     #[arg(long, value_name = "N")]
     pub level: Option<u32>,
-    /// Scripted surgeon: expert, average, novice or careless [default: expert].
+    /// Scripted surgeon: expert, average, novice, careless or idle [default: expert].
     #[arg(long, value_name = "SURGEON")]
     pub surgeon: Option<String>,
     /// Seed of the surgeon's attempt and tremor [default: 1].
     #[arg(long)]
     pub seed: Option<u64>,
     /// Maximum length of a module's film, s; it ends earlier if the operation does [default: 120].
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     pub length: Option<f64>,
     /// The part of the recording.
     #[command(flatten)]

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 /// The chosen photograph.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct FundusArgs {
-    /// Fundus photograph for the retina instead of the shipped one: a square JPEG or PNG whose sides touch the round
+    /// Fundus photograph for the retina [default: the shipped one]: a square JPEG or PNG whose sides touch the round
     /// image of the fundus.
     #[arg(long, value_name = "PHOTO", help_heading = "Fundus and instruments")]
     pub fundus: Option<PathBuf>,
@@ -22,7 +22,7 @@ pub struct FundusArgs {
     #[arg(long, value_name = "X,Y", value_parser = shares, requires = "fundus", help_heading = "Fundus and instruments")]
     pub fundus_fovea: Option<[f32; 2]>,
     /// Field of view of the fundus camera, degrees [default: 45].
-    #[arg(long, value_name = "DEG", value_parser = degrees, requires = "fundus", help_heading = "Fundus and instruments")]
+    #[arg(long, value_name = "DEG", value_parser = degrees, allow_negative_numbers = true, requires = "fundus", help_heading = "Fundus and instruments")]
     pub fundus_field: Option<f32>,
 }
 
@@ -53,7 +53,7 @@ impl FundusArgs {
 fn shares(text: &str) -> Result<[f32; 2], String> {
     let share = |t: &str| t.trim().parse().ok().filter(|s| (0.0..=1.0).contains(s));
     let both = text.split_once(',').and_then(|(x, y)| Some([share(x)?, share(y)?]));
-    both.ok_or_else(|| "expected two shares from 0 to 1, for instance 0.62,0.5".into())
+    both.ok_or_else(|| "expected two fractions from 0 to 1, such as 0.62,0.5".into())
 }
 
 fn degrees(text: &str) -> Result<f32, String> {

@@ -19,6 +19,26 @@ pub fn positive(text: &str) -> Result<f64, String> {
     not_negative(text).ok().filter(|v| *v > 0.0).ok_or("expected a number above 0".into())
 }
 
+/// A parser of whole numbers from `low` to `high`, with an error that states the range as people read it.
+///
+/// ```
+/// let tier = settings::commands::numbers::whole::<u32>(0, 8);
+/// assert_eq!(tier("8"), Ok(8));
+/// assert_eq!(tier("9"), Err("expected a whole number from 0 to 8".into()));
+/// ```
+pub fn whole<T: TryFrom<u64> + Clone + Send + Sync + 'static>(
+    low: u64,
+    high: u64,
+) -> impl Fn(&str) -> Result<T, String> + Clone {
+    move |text| {
+        let number = text.parse().ok().filter(|n| (low..=high).contains(n));
+        number.and_then(|n| T::try_from(n).ok()).ok_or_else(|| match high {
+            u64::MAX => format!("expected a whole number of {low} or more"),
+            _ => format!("expected a whole number from {low} to {high}"),
+        })
+    }
+}
+
 /// Parses a fraction from 0 to 1.
 ///
 /// # Errors

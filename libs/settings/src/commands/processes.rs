@@ -89,7 +89,7 @@ macro_rules! handed_on {
 /// Cameras, markers and trocars.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct RigArgs {
-    /// Cameras, markers and trocars [default: the shipped rig].
+    /// Rig file: cameras, markers and trocars [default: the shipped rig].
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
 }
@@ -98,7 +98,7 @@ handed_on!(RigArgs: rig);
 /// Colour classes of the blob extraction.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct ExtractionArgs {
-    /// Colour classes, from vitreo commission or vitreo colours learn [default: the shipped colours].
+    /// Colour classes, from vitreo commission or vitreo colours learn [default: the shipped classes].
     #[arg(long, value_name = "FILE.toml")]
     pub colours: Option<PathBuf>,
 }

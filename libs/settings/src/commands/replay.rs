@@ -2,6 +2,7 @@
 
 use super::numbers::{not_negative, positive, share};
 use super::processes::CollisionArgs;
+use super::what_if::NOT_WITH_OUTPUT;
 use super::{DrawingArgs, SpanArgs, WhatIfArgs, WritingArgs};
 use outputs::{Force, video_file};
 use std::path::PathBuf;
@@ -10,15 +11,12 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 #[command(mut_arg("stills", |arg| arg.conflicts_with_all(["window", "interactive"])))]
 #[command(mut_arg("force", |arg| arg.help_heading("Outputs")))]
-#[command(mut_arg("compress", |arg| arg.requires("output").help_heading("What if")))]
-#[command(mut_arg("split", |arg| arg.requires("output").help_heading("What if")))]
+#[command(mut_arg("compress", |arg| arg.requires("output").conflicts_with_all(NOT_WITH_OUTPUT).help_heading("What if")))]
+#[command(mut_arg("split", |arg| arg.requires("output").conflicts_with_all(NOT_WITH_OUTPUT).help_heading("What if")))]
 pub struct ReplayArgs {
-    /// The recording; or one of pixels (vitreo cameras --record-fields FILE.mcap), whose blobs are found first.
+    /// The recording, or a recording of pixels (vitreo cameras --record-fields FILE.mcap), in which blobs are found first.
     #[arg(value_name = "FILE.mcap")]
     pub file: PathBuf,
-    /// Colour classes of the blobs in a recording of pixels [default: those of the camera hardware].
-    #[arg(long, value_name = "FILE.toml")]
-    pub colours: Option<PathBuf>,
     /// Run as fast as possible instead of at the recorded timing.
     #[arg(long)]
     pub lockstep: bool,
@@ -27,8 +25,8 @@ pub struct ReplayArgs {
     /// version of tracker or state hash); 1: nothing to compare.
     #[arg(long, help_heading = "Checks")]
     pub verify: bool,
-    /// Speed; 2 is twice the recorded speed.
-    #[arg(long, value_name = "R", default_value_t = 1.0, value_parser = positive, conflicts_with = "lockstep")]
+    /// Speed relative to the recording.
+    #[arg(long, value_name = "R", default_value_t = 1.0, value_parser = positive, allow_negative_numbers = true, conflicts_with = "lockstep")]
     pub rate: f64,
     /// The part to be shown.
     #[command(flatten)]
@@ -40,10 +38,10 @@ pub struct ReplayArgs {
     #[arg(long, value_name = "OUT.csv", help_heading = "Outputs")]
     pub poses: Option<PathBuf>,
     /// Add poses predicted for a display of this rate, Hz.
-    #[arg(long, value_name = "HZ", requires = "poses", value_parser = positive, help_heading = "Outputs")]
+    #[arg(long, value_name = "HZ", requires = "poses", value_parser = positive, allow_negative_numbers = true, help_heading = "Outputs")]
     pub display_hz: Option<f64>,
     /// Time from a frame's newest pose to its display, ms.
-    #[arg(long, value_name = "MS", default_value_t = 15.0, value_parser = not_negative, help_heading = "Outputs")]
+    #[arg(long, value_name = "MS", default_value_t = 15.0, value_parser = not_negative, allow_negative_numbers = true, help_heading = "Outputs")]
     pub display_lead_ms: f64,
     /// Time from the newest camera-field to its pose in the written timestamps, µs.
     #[arg(long, value_name = "US", default_value_t = 1000, help_heading = "Outputs")]
@@ -69,6 +67,9 @@ pub struct ReplayArgs {
     /// Show the recorded poses instead of tracking the recorded blobs again.
     #[arg(long, conflicts_with = "verify")]
     pub as_recorded: bool,
+    /// Colour classes of the blobs in a recording of pixels [default: the shipped classes].
+    #[arg(long, value_name = "FILE.toml")]
+    pub colours: Option<PathBuf>,
     /// Changes of a what-if.
     #[command(flatten)]
     pub what_if: WhatIfArgs,
@@ -85,12 +86,12 @@ pub struct ReplayArgs {
     #[command(flatten)]
     pub collision: CollisionArgs,
     /// Exit with code 6 if a body was tracked in a smaller fraction of the frames, 0 to 1.
-    #[arg(long, value_name = "FRACTION", value_parser = share, help_heading = "Checks")]
+    #[arg(long, value_name = "FRACTION", value_parser = share, allow_negative_numbers = true, help_heading = "Checks")]
     pub assert_tracking: Option<f64>,
     /// Exit with code 7 if the report has warnings about cameras, rig or tracking.
     #[arg(long, help_heading = "Checks")]
     pub assert_no_warnings: bool,
-    /// Write the figures of the replay as JSON; with --with, the comparison.
+    /// Write statistics of the replay as JSON; with --with, the comparison.
     #[arg(long, value_name = "FILE.json", help_heading = "Outputs")]
     pub report: Option<PathBuf>,
     /// `--force`.
@@ -144,6 +145,11 @@ mod tests {
             &["--loop", "--video", "a.mp4"],
             &["--as-recorded", "--verify"],
             &["--every", "1"],
+            &["--verify", "--set", "tracker.gate=20"],
+            &["--report", "r.json", "--rig", "r.json"],
+            &["--verify", "--scene", "peel"],
+            &["--with", "v", "--split", "5m"],
+            &["--verify", "--compress", "lz4"],
         ] {
             assert!(parse(wrong).is_err(), "{wrong:?} was taken");
         }

@@ -21,10 +21,10 @@ pub struct ResidualsArgs {
     #[arg(long)]
     pub causes: bool,
     /// Search the last S seconds instead and print only the causes; fast in long recordings too.
-    #[arg(long, value_name = "S", requires = "causes", conflicts_with = "plot", value_parser = positive)]
+    #[arg(long, value_name = "S", requires = "causes", conflicts_with = "plot", value_parser = positive, allow_negative_numbers = true)]
     pub last: Option<f64>,
     /// Give up the search for causes after S seconds, with a message.
-    #[arg(long, value_name = "S", requires = "causes", value_parser = positive)]
+    #[arg(long, value_name = "S", requires = "causes", value_parser = positive, allow_negative_numbers = true)]
     pub within: Option<f64>,
     /// `--force`.
     #[command(flatten)]

@@ -50,7 +50,7 @@ pub struct BatchArgs {
     #[arg(long, value_name = "FILE.parquet")]
     pub parquet: Option<PathBuf>,
     /// Recordings to score in parallel [default: one per processor].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    #[arg(long, value_name = "N", value_parser = super::numbers::whole::<u32>(1, 4096))]
     pub jobs: Option<u32>,
     /// `--force`.
     #[command(flatten)]

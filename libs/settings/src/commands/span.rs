@@ -8,10 +8,10 @@ use std::path::Path;
 #[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
 pub struct SpanArgs {
     /// Start S seconds into the recording; everything before is computed as fast as possible.
-    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = not_negative)]
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = not_negative, allow_negative_numbers = true)]
     pub from: f64,
     /// Stop S seconds after the recording's start.
-    #[arg(long, value_name = "S", value_parser = not_negative)]
+    #[arg(long, value_name = "S", value_parser = not_negative, allow_negative_numbers = true)]
     pub until: Option<f64>,
 }
 
@@ -32,7 +32,7 @@ impl SpanArgs {
         }
         let (length_s, file) = (length_s(), file.display());
         if from > length_s {
-            return Err(WrongUse(format!("--from {from}: {file} holds {length_s:.2} s only")));
+            return Err(WrongUse(format!("--from {from}: {file} is only {length_s:.2} s long")));
         }
         Ok(())
     }

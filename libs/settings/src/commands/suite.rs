@@ -13,7 +13,7 @@ pub struct SuiteArgs {
     #[arg(long, value_name = "TEXT")]
     pub only: Option<String>,
     /// Cases to run in parallel [default: one per processor].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
+    #[arg(long, value_name = "N", value_parser = super::numbers::whole::<u32>(1, 256))]
     pub jobs: Option<u32>,
     /// Write the results as JUnit XML, for build servers.
     #[arg(long, value_name = "FILE.xml")]

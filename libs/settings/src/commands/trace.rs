@@ -9,6 +9,7 @@ pub struct TraceArgs {
     #[arg(value_name = "FILE.mcap")]
     pub file: PathBuf,
     /// Field number, as in tables and logs.
+    #[arg(value_parser = super::numbers::whole::<u64>(0, u64::MAX))]
     pub field: u64,
     /// Print JSON.
     #[arg(long)]

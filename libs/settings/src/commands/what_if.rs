@@ -13,22 +13,37 @@ pub struct Assignment {
     pub value: f64,
 }
 
+/// Options of a replay that exclude a what-if. Its own options name them too: clap waives the requirement of `--output` where
+/// one of these excludes it.
+pub const NOT_WITH_OUTPUT: [&str; 10] = [
+    "verify",
+    "poses",
+    "blobs",
+    "report",
+    "endless",
+    "assert_tracking",
+    "assert_no_warnings",
+    "from",
+    "until",
+    "with",
+];
+
 /// Changes of a what-if.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct WhatIfArgs {
     /// Track with this rig instead of the recorded one.
-    #[arg(long, value_name = "RIG.json", requires = "output", help_heading = "What if")]
+    #[arg(long, value_name = "RIG.json", requires = "output", conflicts_with_all = NOT_WITH_OUTPUT, help_heading = "What if")]
     pub rig: Option<PathBuf>,
     /// Simulate this scene, shipped or from a file, instead of the recorded one.
-    #[arg(long, value_name = "NAME|FILE", requires = "output", help_heading = "What if")]
+    #[arg(long, value_name = "NAME|FILE", requires = "output", conflicts_with_all = NOT_WITH_OUTPUT, help_heading = "What if")]
     pub scene: Option<String>,
     /// Change constants of the tracker (tracker.KEY) or the scene (scene.KEY); vitreo settings lists them.
     #[arg(long, value_name = "KEY=VALUE,…", value_delimiter = ',', value_parser = assignment,
-        requires = "output", help_heading = "What if")]
+        requires = "output", conflicts_with_all = NOT_WITH_OUTPUT, help_heading = "What if")]
     pub set: Vec<Assignment>,
     /// Record the result, computed from the recorded blobs, handles and pedal.
     #[arg(short, long, value_name = "OUT.mcap", help_heading = "What if",
-        conflicts_with_all = ["verify", "poses", "blobs", "report", "endless", "assert_tracking", "assert_no_warnings", "from", "until"])]
+        conflicts_with_all = NOT_WITH_OUTPUT)]
     pub output: Option<PathBuf>,
 }
 
@@ -62,12 +77,12 @@ pub struct SweepArgs {
     #[arg(long, value_name = "KEY=FROM:TO:COUNT", value_parser = range, required = true)]
     pub set: Range,
     /// Recordings to replay in parallel [default: one per processor].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    #[arg(long, value_name = "N", value_parser = super::numbers::whole::<u32>(1, 4096))]
     pub jobs: Option<u32>,
     /// Write the figures of all replays as Parquet.
     #[arg(long, value_name = "FILE.parquet")]
     pub parquet: Option<PathBuf>,
-    /// Plot the distance from the recorded poses over the constant's value.
+    /// Plot the distance from the recorded poses against the constant's value.
     #[arg(long, value_name = "FILE.svg|FILE.png", value_parser = plot_file)]
     pub plot: Option<PathBuf>,
     /// `--force`.

@@ -53,7 +53,7 @@ impl FromStr for Split {
         match with_unit(LENGTHS).or_else(plain) {
             Some(seconds) if seconds >= SHORTEST_S => Ok(Split::Seconds(seconds)),
             Some(_) => Err("expected parts of 1s or more".into()),
-            None => Err("expected a length as 90s, 10m or 1h, or a size as 500MB or 2GB".into()),
+            None => Err("expected a length such as 90s, 10m or 1h, or a size such as 500MB or 2GB".into()),
         }
     }
 }

@@ -15,7 +15,7 @@ pub fn run(args: &Args) -> Vec<String> {
         return Vec::new();
     }
     let rig = Rig::load_or_shipped(None).expect("the shipped rig");
-    println!("| stream | minute | frames | tip, µm | shown, µm | coverage | tracker, µs a frame |");
+    println!("| stream | minute | frames | tip, µm | display error, µm | coverage | tracker, µs a frame |");
     println!("|---|---|---|---|---|---|---|");
     wanted.into_iter().flat_map(|scenario| one(args, &rig, scenario)).collect()
 }

@@ -100,7 +100,10 @@ fn take_turns<E: From<IpcError>>(work: &mut impl Work<E>) -> Result<(), E> {
         if let Some(slept_ns) = work.shell().awake.slept(woken) {
             let passed_over = work.slept(slept_ns)?;
             if passed_over > 0 {
-                tracing::warn!("slept for {:.1} s: {passed_over} fields skipped", slept_ns as f64 * 1e-9);
+                tracing::warn!(
+                    "the machine was suspended for {:.1} s: {passed_over} fields skipped",
+                    slept_ns as f64 * 1e-9
+                );
             }
         }
         work.turn(woken)?;

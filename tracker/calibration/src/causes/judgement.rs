@@ -42,15 +42,16 @@ pub enum Verdict {
 pub struct Judgement {
     /// In short.
     pub verdict: Verdict,
-    /// Root mean square of what is left in the pictures, px; a blob that no marker explains counts as 2 px.
+    /// Reprojection residual, root mean square, px; a blob that no marker explains counts as 2 px.
     pub left_px: f64,
-    /// Blobs by which that was measured.
+    /// Number of blobs it was measured over.
     pub blobs: u64,
-    /// Exposure from which on something is wrong, s after the first field; 0 from the start.
+    /// Exposure of the first affected field, s after the first field; 0 from the start.
     pub since_s: f64,
-    /// True where the rig holds: what is left is the noise of the stream.
+    /// True where the rig holds: the residual is the noise of the stream.
     pub holds: bool,
-    /// Root mean square of what errors of the rig leave above the noise, px; all that is left where that is not known.
+    /// Root mean square of the residual that errors of the rig add to the noise, px; the whole residual where the noise is
+    /// not known.
     pub above_px: f64,
     /// Share of the blobs that no marker explains.
     pub unexplained: f64,
@@ -63,22 +64,24 @@ pub struct Judgement {
 impl Judgement {
     /// In a sentence.
     pub fn text(&self) -> String {
-        let left = format!("{:.2} px are left of {} blobs", self.left_px, self.blobs);
-        let since = format!("from {:.1} s on {left}", self.since_s);
+        let left = format!("reprojection residual {:.2} px RMS over {} blobs", self.left_px, self.blobs);
+        let since = format!("{left} from {:.1} s", self.since_s);
         match self.verdict {
             Verdict::TooLittle => format!("too little to judge: {} blobs", self.blobs),
             Verdict::NothingWrong if self.unexplained > STRANGERS => format!(
-                "nothing is wrong with the rig; {:.0} % of {} blobs belong to no marker (reflections, or an instrument \
+                "no fault found in the rig; {:.0} % of {} blobs belong to no marker (reflections, or an instrument \
                  that is hidden in part)",
                 100.0 * self.unexplained,
                 self.blobs
             ),
-            Verdict::NothingWrong => format!("nothing is wrong: {left}"),
+            Verdict::NothingWrong => format!("no fault found: {left} (unexplained blobs count as 2 px)"),
             Verdict::Unknown => format!("{since}; none of {} causes explains it", self.tried),
-            Verdict::Stopped => format!("{since}; the search for the cause was stopped"),
+            Verdict::Stopped => format!("{since}; the search was stopped before a cause was found"),
             Verdict::Explained => {
-                let named =
-                    self.explanations.iter().map(|e| format!("{} ({:.2} px then)", e.cause, e.left_px));
+                let named = self
+                    .explanations
+                    .iter()
+                    .map(|e| format!("{} ({:.2} px with it corrected)", e.cause, e.left_px));
                 format!("{since}: {}{}", named.collect::<Vec<_>>().join(", or "), self.what_helps())
             }
         }
@@ -100,14 +103,14 @@ impl Judgement {
             at if at > 0.0 => format!("since {at:.1} s"),
             _ => "from the start".into(),
         };
-        let left = format!("{:.2} px are left of the blobs {since}", self.left_px);
+        let left = format!("reprojection residual {:.2} px RMS {since}", self.left_px);
         if !self.is_reported() {
             return None;
         }
         match self.verdict {
             Verdict::TooLittle | Verdict::NothingWrong => None,
-            Verdict::Unknown => Some(format!("{left}, and none of {} known causes explains it", self.tried)),
-            Verdict::Stopped => Some(format!("{left}; the search for the cause was stopped")),
+            Verdict::Unknown => Some(format!("{left}; none of {} known causes explains it", self.tried)),
+            Verdict::Stopped => Some(format!("{left}; the search was stopped before a cause was found")),
             Verdict::Explained => {
                 Some(format!("likely cause: {} ({left}){}", self.named(), self.what_helps()))
             }
@@ -134,7 +137,7 @@ impl Judgement {
     /// The same as the end of a sentence.
     fn what_helps(&self) -> String {
         let remedies = self.remedies();
-        if remedies.is_empty() { remedies } else { format!(". What helps: {remedies}") }
+        if remedies.is_empty() { remedies } else { format!(". Remedy: {remedies}") }
     }
 }
 

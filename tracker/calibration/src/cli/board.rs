@@ -4,6 +4,7 @@ use super::target::BoardArgs;
 use crate::printed::Printed;
 use anyhow::bail;
 use ipc::logging::inform;
+use outputs::exit::WrongUse;
 use outputs::{Force, Outputs, println};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -17,10 +18,10 @@ pub struct DrawArgs {
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
     /// Width of the white margin, mm.
-    #[arg(long, value_name = "MM", default_value = "10", value_parser = margin)]
+    #[arg(long, value_name = "MM", default_value = "10", value_parser = margin, allow_negative_numbers = true)]
     pub margin: f64,
     /// Resolution of a PNG, pixels per inch.
-    #[arg(long, value_name = "DPI", default_value = "600", value_parser = super::positive)]
+    #[arg(long, value_name = "DPI", default_value = "600", value_parser = super::positive, allow_negative_numbers = true)]
     pub dpi: f64,
     /// Whether files that exist are written over.
     #[command(flatten)]
@@ -49,7 +50,10 @@ pub fn draw(args: &DrawArgs) -> anyhow::Result<ExitCode> {
     let bytes = match ending.as_deref() {
         Some("svg") => printed.svg().into_bytes(),
         Some("png") => printed.png(args.dpi)?,
-        _ => bail!("--output {}: expected a name that ends in .svg or .png", args.output.display()),
+        _ => {
+            let name = args.output.display();
+            bail!(WrongUse(format!("--output {name}: expected a name that ends in .svg or .png")))
+        }
     };
     Outputs::new(args.force.force).write(&args.output, bytes)?;
     let ([w, h], [x, y]) = (printed.size_mm, printed.paper_mm());

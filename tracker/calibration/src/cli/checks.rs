@@ -127,11 +127,11 @@ pub fn judged(held_out: Option<Result<HeldOut, String>>, report: &mut Report) ->
             .push("not compared with the rig: its cameras do not see the held-out points at all".into());
         return None;
     }
-    report.figure("left of points that took no part, with the rig as it was", before_px, "px");
-    report.figure("left of points that took no part, calibrated by the others", after_px, "px");
+    report.figure("residual of held-out points, rig as given", before_px, "px");
+    report.figure("residual of held-out points, calibrated", after_px, "px");
     held_out.is_worse().then(|| {
         format!(
-            "the rig as it was predicts held-out points better: residuals {before_px:.3} px, newly calibrated {after_px:.3} px"
+            "the rig as given predicts held-out points better: residual {before_px:.3} px, calibrated {after_px:.3} px"
         )
     })
 }

@@ -1,13 +1,14 @@
 //! Camera-fields with blobs: out of blob streams and recordings, or found in the pictures of a recording of pixels.
 
 use super::progress;
-use anyhow::ensure;
+use anyhow::{bail, ensure};
 use blob_stream::BlobReader;
 use fpga_model::colours::file::ColourFile;
 use fpga_model::commands::finder::fields_of_pixels;
 use fpga_model::input::recorded::Recorded;
 use fpga_model::input::whole::is_recording;
 use ipc::logging::{inform, warn};
+use outputs::exit::WrongUse;
 use protocol::blobs::BlobField;
 use recording::{Item, Recording};
 use rig::Rig;
@@ -16,13 +17,13 @@ use std::path::{Path, PathBuf};
 /// The rig that saw a stream, and how much of the stream is used.
 #[derive(Debug, Clone, clap::Args)]
 pub struct StreamArgs {
-    /// Rig of the stream; a recording contains its own.
+    /// Rig file of the stream; a recording contains its own.
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
     /// Use at most N instants, spread over the stream.
     #[arg(long, value_name = "N", default_value_t = 400)]
     pub instants: usize,
-    /// Colour classes of the blobs in a recording of pixels [default: those of the camera hardware].
+    /// Colour classes of the blobs in a recording of pixels [default: the shipped classes].
     #[arg(long, value_name = "FILE.toml")]
     pub colours: Option<PathBuf>,
 }
@@ -35,7 +36,7 @@ impl StreamArgs {
         let rig = match (&self.rig, own) {
             (Some(path), _) => Rig::load(path)?,
             (None, Some(text)) => Rig::parse(&text, &format!("of {}", path.display()))?,
-            (None, None) => anyhow::bail!("--rig RIG.json is needed with a blob stream"),
+            (None, None) => bail!(WrongUse("a blob stream needs --rig RIG.json".into())),
         };
         Ok((rig, fields))
     }

@@ -26,18 +26,19 @@ pub struct DotsArgs {
     pub points: Vec<PathBuf>,
     /// Pictures of the target instead of point lists: one per camera, or a recording of vitreo cameras --record-fields
     /// (.mcap), of which the first whole picture of each camera is used.
-    #[arg(long, value_name = "PICTURE", num_args = 1.., requires = "target", requires = "picked", conflicts_with = "points")]
+    #[arg(long, value_name = "PICTURE", num_args = 1.., requires = "target", requires = "picked", conflicts_with = "points",
+        help_heading = "Pictures")]
     pub pictures: Vec<PathBuf>,
     /// Positions of the dots of the target: X Y Z per line, mm.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = "Pictures")]
     pub target: Option<PathBuf>,
     /// Point list for each picture, with at least four dots picked by hand, not all in one plane.
-    #[arg(long, value_name = "POINTS", num_args = 1..)]
+    #[arg(long, value_name = "POINTS", num_args = 1.., help_heading = "Pictures")]
     pub picked: Vec<PathBuf>,
     /// Size of the pictures, px. If given, the lenses are calibrated too.
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
     pub size: Option<[u32; 2]>,
-    /// Rig whose cameras are replaced. Without --size its lenses are kept and only the poses are calibrated; point lists
+    /// Rig whose cameras are replaced. Without --size, its lenses are kept and only the poses are calibrated; point lists
     /// need --size or --rig [default: the rig of the recording, or the shipped one].
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,

@@ -14,7 +14,7 @@ const MOST: usize = 400;
 pub struct EveryArgs {
     /// Use every Nth picture of a recording.
     #[arg(
-        long, value_name = "N", default_value_t = 25, value_parser = clap::value_parser!(u64).range(1..=100_000),
+        long, value_name = "N", default_value_t = 25, value_parser = settings::commands::numbers::whole::<u64>(1, 100_000),
         help_heading = "Pictures"
     )]
     pub every: u64,

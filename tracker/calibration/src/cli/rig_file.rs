@@ -78,9 +78,9 @@ pub(super) fn run(args: &RigFileArgs) -> anyhow::Result<ExitCode> {
 /// What was found, for a person.
 fn words(rig: &Rig, view: &RigView) -> String {
     let mut text = if rig.longest_period_ns() == rig.field_period_ns() {
-        format!("{} cameras, {} fields a second each\n", rig.cameras.len(), rig.field_hz)
+        format!("{} cameras, {} fields per second each\n", rig.cameras.len(), rig.field_hz)
     } else {
-        format!("{} cameras of different rates, {} frames a second\n", rig.cameras.len(), rig.field_hz)
+        format!("{} cameras of different rates, {} frames per second\n", rig.cameras.len(), rig.field_hz)
     };
     for (camera, sensor) in view.cameras.iter().zip(rig.sensors()) {
         let _ = writeln!(text, "{}", of_camera(camera, &sensor));
@@ -89,18 +89,18 @@ fn words(rig: &Rig, view: &RigView) -> String {
     for tip in &view.tips {
         let _ = write!(
             text,
-            "{}: two cameras see it in {:.0} % of the workspace; tip from one frame to {} (median), {} (95 %)",
+            "{}: two cameras see it in {:.0} % of the workspace; tip error from one frame {} (median), {} (95 %)",
             tip.body,
             100.0 * tip.seen_by_two,
             um(tip.median_um),
             um(tip.p95_um)
         );
         if let Some((worst, [x, y, z])) = tip.worst {
-            let _ = write!(text, ", {} at worst, at ({x:.1}, {y:.1}, {z:.1}) mm", um(Some(worst)));
+            let _ = write!(text, ", worst {} at ({x:.1}, {y:.1}, {z:.1}) mm", um(Some(worst)));
         }
         text.push('\n');
     }
-    let missing = if view.missing.is_empty() { "nothing is missing" } else { "missing:" };
+    let missing = if view.missing.is_empty() { "no defects found" } else { "defects:" };
     let _ = writeln!(text, "{missing}");
     view.missing.iter().for_each(|what| text.push_str(&format!("  {what}\n")));
     text
@@ -114,7 +114,7 @@ fn of_camera(camera: &CameraView, sensor: &Sensor) -> String {
     let [width, height] = sensor.size_px;
     format!(
         "camera {}: {width} × {height} px, {:.0} Hz, {}, {shutter} shutter, {}, exposed for {} ms, blobs after {:.1} ms; sees \
-         {:.0} % of the workspace from {:.0} mm, {:.1} px/mm",
+         {:.0} % of the workspace at a distance of {:.0} mm, {:.1} px/mm",
         camera.camera,
         1e9 / sensor.period_ns as f64,
         sensor.scan.name(),
@@ -157,7 +157,7 @@ mod tests {
         for named in [
             "3 cameras, 50 fields",
             "camera 2: 720 × 576 px, 50 Hz, interlaced, global shutter, YUYV, exposed for 4 ms",
-            "nothing is missing",
+            "no defects found",
         ] {
             assert!(text.contains(named), "{text}");
         }

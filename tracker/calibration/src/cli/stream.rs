@@ -38,17 +38,17 @@ pub struct WavedArgs {
     #[command(flatten)]
     pub from: StreamArgs,
     /// Standard deviation of the world origin's position relative to each camera, mm.
-    #[arg(long, value_name = "MM", default_value = "0.02", value_parser = positive, help_heading = "Prior knowledge of the rig")]
+    #[arg(long, value_name = "MM", default_value = "0.02", value_parser = positive, allow_negative_numbers = true, help_heading = "Prior knowledge of the rig")]
     pub camera_mm: f64,
     /// Standard deviation of the world's orientation relative to each camera, mrad.
-    #[arg(long, value_name = "MRAD", default_value = "0.3", value_parser = positive, help_heading = "Prior knowledge of the rig")]
+    #[arg(long, value_name = "MRAD", default_value = "0.3", value_parser = positive, allow_negative_numbers = true, help_heading = "Prior knowledge of the rig")]
     pub camera_mrad: f64,
     /// Standard deviation of the markers' positions, mm.
-    #[arg(long, value_name = "MM", default_value = "0.005", value_parser = positive, help_heading = "Prior knowledge of the rig")]
+    #[arg(long, value_name = "MM", default_value = "0.005", value_parser = positive, allow_negative_numbers = true, help_heading = "Prior knowledge of the rig")]
     pub marker_mm: f64,
     /// Refine the lenses too. Standard deviation of focal lengths and principal point, and of the shift by distortion
     /// at the corners of the picture, px.
-    #[arg(long, value_name = "PX", value_parser = positive, help_heading = "Prior knowledge of the rig")]
+    #[arg(long, value_name = "PX", value_parser = positive, allow_negative_numbers = true, help_heading = "Prior knowledge of the rig")]
     pub lens_px: Option<f64>,
     #[command(flatten)]
     pub output: OutputArgs,
@@ -81,7 +81,7 @@ pub struct DriftArgs {
     #[command(flatten)]
     pub from: StreamArgs,
     /// Tolerated systematic shift of a camera's image, px.
-    #[arg(long, value_name = "PX", default_value_t = LIMIT_PX, value_parser = positive)]
+    #[arg(long, value_name = "PX", default_value_t = LIMIT_PX, value_parser = positive, allow_negative_numbers = true)]
     pub limit_px: f64,
     #[command(flatten)]
     pub output: OutputArgs,
@@ -178,7 +178,7 @@ pub fn waved_report(rig: &Rig, found: &SelfCalibration, drifted: bool) -> Report
             .into(),
     );
     if !found.weakly_observed.is_empty() {
-        report.notes.push(format!("the stream hardly determines: {}", found.weakly_observed.join(", ")));
+        report.notes.push(format!("weakly determined by the stream: {}", found.weakly_observed.join(", ")));
     }
     for (c, camera) in rig.cameras.iter().enumerate() {
         let own = found.held.iter().filter(|(of, _)| *of == c);
@@ -191,7 +191,7 @@ pub fn waved_report(rig: &Rig, found: &SelfCalibration, drifted: bool) -> Report
         }
     }
     if !drifted {
-        report.notes.push("the residuals show no drift: the rig as it was is as good".into());
+        report.notes.push("the residuals show no drift: the rig as given is as good".into());
     }
     report
 }
@@ -213,7 +213,7 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<ExitCode> {
     let found = match drift_check::check(&rig, &seen, args.limit_px) {
         Ok(found) => found,
         Err(_) if !judgement.holds => {
-            return nothing_written(&args.output, "drift", &judgement, "the rig does not hold");
+            return nothing_written(&args.output, "drift", &judgement, "the calibration is no longer valid");
         }
         Err(problem) => return Err(problem.into()),
     };
@@ -247,16 +247,16 @@ pub fn drift_report(rig: &Rig, found: &DriftCheck, limit_px: f64, judgement: &Ju
         report.uncertain(name, [shift.systematic_px, shift.chance_px], "px");
         report.figure(format!("camera {}: rms of its residuals", camera.id), shift.rms_px, "px");
         report.figure(
-            format!("camera {}: drifted (1: yes)", camera.id),
+            format!("camera {}: drifted (0 = no, 1 = yes)", camera.id),
             f64::from(u8::from(shift.drifted)),
             "",
         );
     }
     report.figure("above the noise of the stream", judgement.above_px, "px");
     let verdict = match (found.drifted(), judgement.holds) {
-        (false, true) => "the rig holds",
+        (false, true) => "the calibration is still valid",
         (true, _) => "the rig has drifted",
-        (false, false) => "the rig does not hold",
+        (false, false) => "the calibration is no longer valid",
     };
     report.notes.push(verdict.into());
     report.notes.push(judgement.text());

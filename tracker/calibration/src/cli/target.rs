@@ -16,7 +16,7 @@ use crate::target_problem::{Calibrated, FreeParameters, TargetView, calibrate_le
 use anyhow::{Context, bail, ensure};
 use fpga_model::input::whole::is_recording;
 use ipc::logging::warn;
-use outputs::exit::DIFFERS;
+use outputs::exit::{DIFFERS, WrongUse};
 use rig::Rig;
 use rig::camera::Camera;
 use std::collections::BTreeSet;
@@ -37,11 +37,11 @@ pub struct BoardArgs {
         conflicts_with_all = ["board", "pitch", "pattern"], help_heading = "Board"
     )]
     pub charuco: Option<CharucoBoard>,
-    /// The ChArUco board was drawn by OpenCV before 4.6: with an even number of rows it starts with a white square.
+    /// Use the ChArUco layout of OpenCV before 4.6: with an even number of rows, the first square is white.
     #[arg(long, requires = "charuco", conflicts_with_all = ["board", "pitch", "pattern"], help_heading = "Board")]
     pub legacy: bool,
     /// Distance between neighbouring points, mm. With the default, all lengths are in squares.
-    #[arg(long, value_name = "MM", default_value = "1", value_parser = positive, help_heading = "Board")]
+    #[arg(long, value_name = "MM", default_value = "1", value_parser = positive, allow_negative_numbers = true, help_heading = "Board")]
     pub pitch: f64,
     /// Pattern printed on the board.
     #[arg(long, value_enum, default_value = "chessboard", help_heading = "Board")]
@@ -62,9 +62,9 @@ impl BoardArgs {
         if let Some(board) = self.charuco {
             return Ok(Target::Charuco(CharucoBoard { legacy: self.legacy, ..board }));
         }
-        let size = self
-            .board
-            .context("--board COLUMNSxROWS is needed to read pictures, or --charuco COLUMNSxROWS,…")?;
+        let size = self.board.ok_or_else(|| {
+            WrongUse("expected a board: --board COLUMNSxROWS, or --charuco COLUMNSxROWS[,…]".into())
+        })?;
         let [columns, rows] = size.map(|n| n as usize);
         ensure!(columns * rows <= 10_000, "--board: expected at most 10000 points, found {columns}x{rows}");
         Ok(Target::Whole(Board { pattern: self.pattern, columns, rows, pitch_mm: self.pitch }))
@@ -78,22 +78,22 @@ pub struct IntrinsicsArgs {
     /// --record-fields (.mcap).
     #[arg(value_name = "PICTURE", required_unless_present = "points", conflicts_with = "points")]
     pub pictures: Vec<PathBuf>,
-    #[command(flatten)]
-    pub board: BoardArgs,
     /// Point lists instead of pictures: CSV, JSON or five columns.
-    #[arg(long, value_name = "FILE", num_args = 1.., requires = "size")]
+    #[arg(long, value_name = "FILE", num_args = 1.., requires = "size", help_heading = "Pictures")]
     pub points: Vec<PathBuf>,
     /// Size in px of the pictures from which the point lists were made.
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair, help_heading = "Pictures")]
     pub size: Option<[u32; 2]>,
+    /// Id of the camera in the rig and in a recording.
+    #[arg(long, value_name = "ID", default_value_t = 0)]
+    pub camera: u32,
     /// Rig whose camera gets the lens [default: only the camera is written].
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
     #[command(flatten)]
     pub every: EveryArgs,
-    /// Id of the camera in the rig and in a recording.
-    #[arg(long, value_name = "ID", default_value_t = 0)]
-    pub camera: u32,
+    #[command(flatten)]
+    pub board: BoardArgs,
     #[command(flatten)]
     pub solve: SolveArgs,
     #[command(flatten)]
@@ -104,10 +104,10 @@ pub struct IntrinsicsArgs {
 #[derive(Debug, Clone, clap::Args)]
 pub struct StereoArgs {
     /// Pictures of the first camera, or a recording (.mcap).
-    #[arg(long, value_name = "PICTURE", num_args = 1.., required_unless_present = "points")]
+    #[arg(long, value_name = "PICTURE", num_args = 1.., required_unless_present = "points", help_heading = "Pictures")]
     pub left: Vec<PathBuf>,
     /// Pictures of the second camera at the same instants, in the same order, or the same recording.
-    #[arg(long, value_name = "PICTURE", num_args = 1.., required_unless_present = "points")]
+    #[arg(long, value_name = "PICTURE", num_args = 1.., required_unless_present = "points", help_heading = "Pictures")]
     pub right: Vec<PathBuf>,
     #[command(flatten)]
     pub every: EveryArgs,
@@ -116,15 +116,18 @@ pub struct StereoArgs {
     pub recorded: Vec<u32>,
     /// Point lists instead of pictures, one per camera for two or more cameras; views with the same name were taken at
     /// the same time.
-    #[arg(long, value_name = "FILE", num_args = 2.., requires = "size", conflicts_with_all = ["left", "right"])]
+    #[arg(
+        long, value_name = "FILE", num_args = 2.., requires = "size", conflicts_with_all = ["left", "right"],
+        help_heading = "Pictures"
+    )]
     pub points: Vec<PathBuf>,
     /// Size in px of the pictures from which the point lists were made.
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair, help_heading = "Pictures")]
     pub size: Option<[u32; 2]>,
     #[command(flatten)]
     pub board: BoardArgs,
     /// Do not refine the lenses with the poses: keep those of --rig, or without it those found for each camera alone.
-    #[arg(long)]
+    #[arg(long, help_heading = "Solver")]
     pub keep_lenses: bool,
     /// Rig whose cameras are replaced; its markers and dimensions stay [default: the shipped rig].
     #[arg(long, value_name = "RIG.json")]
@@ -157,7 +160,7 @@ fn pass_over_weak(sheets: &mut Vec<TargetView>) -> Vec<String> {
             Err(problem) => Some(problem.to_string()),
             Ok(_) => None,
         };
-        notes.extend(problem.as_ref().map(|p| format!("{} passed over: {p}", sheet.name)));
+        notes.extend(problem.as_ref().map(|p| format!("{} skipped: {p}", sheet.name)));
         problem.is_none()
     });
     notes
@@ -183,7 +186,7 @@ impl Search<'_> {
             Ok(samples) => {
                 self.sheets.push(TargetView { name: short, camera: self.camera, view, samples });
             }
-            Err(problem) => self.notes.push(format!("{name} passed over: {problem}")),
+            Err(problem) => self.notes.push(format!("{name} skipped: {problem}")),
         }
         Ok(())
     }
@@ -216,7 +219,7 @@ fn views_of_pictures(
     if sheets.is_empty() {
         notes.iter().skip(1).for_each(|n| warn(n));
         let first = notes.first().cloned().unwrap_or_default();
-        bail!("the board was found in none of {} pictures: {first}", notes.len());
+        bail!("the board was not found in any of {} pictures: {first}", notes.len());
     }
     Ok(Views { sheets, sizes_px: vec![size.context("no picture")?], notes })
 }

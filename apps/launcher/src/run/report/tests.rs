@@ -85,22 +85,28 @@ fn tables_name_every_stage_and_incident() {
 #[test]
 fn who_broke_a_budget_is_said_in_words() {
     let mut report = report();
-    assert!(report.judgement().starts_with("budgets: all 1 kept; the machine's other load"), "{report:?}");
+    assert!(report.judgement().starts_with("budgets: all 1 met; the machine's other load"), "{report:?}");
     let stage = &mut report.stages[Stage::Simulation as usize];
     (stage.broken, stage.judged_ms, stage.mean_ms) = (true, 1.5 * stage.budget_ms, stage.mean_budget_ms);
     assert!(
-        report.judgement().contains("simulation broken by the program itself; the machine's other load"),
+        report
+            .judgement()
+            .contains("simulation exceeded, and the load does not explain it; the machine's other load"),
         "{report:?}"
     );
     let of = |others_percent| Load { processors: 2, others_percent, stolen_percent: 0.0 };
     report.load = Some(of(40.0));
     let told = report.judgement();
-    let expected = "simulation broken, no further than the machine's load explains (other programs took 40 %";
+    let expected =
+        "simulation exceeded, by no more than the machine's load explains (other programs took 40 %";
     assert!(told.contains(expected), "{told}");
     report.load = Some(of(30.0));
-    assert!(report.judgement().contains("simulation broken by the program itself; other"), "{report:?}");
+    assert!(
+        report.judgement().contains("simulation exceeded, and the load does not explain it; other"),
+        "{report:?}"
+    );
     report.stages.clear();
-    assert_eq!(report.judgement(), "budgets: nothing was judged");
+    assert_eq!(report.judgement(), "budgets: none was checked");
 }
 
 #[test]

@@ -63,7 +63,7 @@ fn a_batch_scores_what_it_can_and_writes_its_shards() {
     assert!(
         rows[0].contains(",navigation,1,") && rows[0].contains(",42,") && !rows[1].contains("navigation")
     );
-    assert!(rows[1].contains("c.mcap") && rows[1].contains("does not begin as an MCAP file"), "{}", rows[1]);
+    assert!(rows[1].contains("c.mcap") && rows[1].contains("is not an MCAP file"), "{}", rows[1]);
     assert!(
         at("out/scores-00000-of-00002.parquet").is_file()
             && at("out/scores-00001-of-00002.parquet").is_file()
@@ -137,7 +137,7 @@ fn shards_are_resumed_and_gathered_and_what_is_lost_is_told() {
         ..BatchArgs::default()
     };
     (0..2).for_each(|i| drop(ends(&shard(i))));
-    assert!(ends(&gather("a.csv")).contains("not the whole of a batch (1 problems"), "shard 2 is missing");
+    assert!(ends(&gather("a.csv")).contains("incomplete batch (1 problems"), "shard 2 is missing");
     assert!(!folder.path().join("a.csv").exists());
     ends(&shard(2));
     assert_eq!(ends(&gather("a.csv")), code(LOSS), "a row tells of the torn one");
@@ -171,7 +171,9 @@ fn shards_of_another_list_are_neither_resumed_nor_gathered() {
     let refused = ends(&other);
     assert!(refused.contains("to another list (7 recordings, not 2)"), "{refused}");
     ends(&BatchArgs { shard: Some([0, 2]), ..batch.clone() });
-    assert!(ends(&BatchArgs { gather: batch.out.clone(), ..BatchArgs::default() }).contains("not the whole"));
+    assert!(
+        ends(&BatchArgs { gather: batch.out.clone(), ..BatchArgs::default() }).contains("incomplete batch")
+    );
     let whole = BatchArgs { out: Some(folder.path().join("new")), ..batch.clone() };
     assert_eq!(ends(&whole), code(0));
     let gather = BatchArgs { gather: whole.out.clone(), ..BatchArgs::default() };
