@@ -13,6 +13,8 @@ use rig::sensor::Scan;
 
 /// Length of a stream, s.
 const SECONDS: f64 = 4.0;
+/// Seeds from here on have the kinds of defects that were added later, too.
+const LATER: u64 = 30_000;
 /// Instants that `drift` and `waved` use.
 const INSTANTS: usize = 200;
 
@@ -61,7 +63,9 @@ pub fn draw(seed: u64, whole: bool, intact: bool) -> (Defect, Planted) {
     let interlaced = rig.sensors().iter().all(|s| s.scan != Scan::Progressive);
     // Whole pictures have no parity, and are not taken for halves.
     let needs_fields = |d: &Defect| matches!(d, Defect::ParitySwapped | Defect::Progressive);
-    let kinds: Vec<Defect> = Defect::ALL.into_iter().filter(|d| interlaced || !needs_fields(d)).collect();
+    let more = if seed < LATER { &[][..] } else { &Defect::MORE };
+    let all = Defect::ALL.into_iter().chain(more.iter().copied());
+    let kinds: Vec<Defect> = all.filter(|d| interlaced || !needs_fields(d)).collect();
     let defect = if intact { Defect::None } else { kinds[(seed as usize) % kinds.len()] };
     let scenario = if (seed / 16).is_multiple_of(4) { Scenario::Async } else { Scenario::Nominal };
     (defect, plant_on(rig, defect, scenario, seed, SECONDS, 0.0))

@@ -24,6 +24,9 @@ pub enum Defect {
     CameraMoved,
     TwoCamerasMoved,
     WrongSize,
+    OneCamerasColours,
+    MarkersSwapped,
+    StampsStep,
 }
 
 impl Defect {
@@ -41,6 +44,9 @@ impl Defect {
         Defect::TwoCamerasMoved,
         Defect::WrongSize,
     ];
+
+    /// Kinds that were added later: figures by seed are stated for those of [`Defect::ALL`].
+    pub const MORE: [Defect; 3] = [Defect::OneCamerasColours, Defect::MarkersSwapped, Defect::StampsStep];
 }
 
 /// A stream as a recorder has it.
@@ -57,6 +63,8 @@ pub struct Planted {
 
 /// Sizes of pictures where they are wrong, px.
 const SIZES: [[u32; 2]; 3] = [[640, 480], [768, 576], [1024, 768]];
+/// When time stamps step, as a share of the stream.
+const STEP: f64 = 0.5;
 /// How far a picture of a moved camera moves, px.
 const MOVED_PX: (f64, f64) = (0.3, 5.0);
 
@@ -122,6 +130,15 @@ pub fn plant_on(
             planted.fields = recipe.draw(&rig).fields;
             planted.rig.cameras.iter_mut().flat_map(|c| &mut c.t).for_each(|t| *t *= factor);
             planted.truth = Some(Cause::Scale { camera: None, factor });
+        }
+        Defect::MarkersSwapped => {
+            planted.fields = recipe.draw(&rig).fields;
+            planted.truth = Some(swap_markers(&mut planted.rig, &mut random));
+        }
+        Defect::StampsStep => {
+            planted.fields = recipe.draw(&rig).fields;
+            planted.truth = of_blobs(Defect::StampsShifted, &rig, camera, &mut random);
+            planted.spoil_from(from_s.max(STEP * seconds));
         }
         Defect::MarkerMoved => {
             let (true_rig, cause) = with_moved_marker(&rig, &mut random);
@@ -202,13 +219,14 @@ fn of_blobs(defect: Defect, rig: &Rig, camera: u32, random: &mut Random) -> Opti
             cameras.sort_unstable();
             Cause::CamerasSwapped { cameras }
         }
-        Defect::ColoursSwapped => {
+        Defect::ColoursSwapped | Defect::OneCamerasColours => {
             let all = rig.bodies.iter().flat_map(|b| b.markers.iter().map(|m| m.colour));
             let all: Vec<Colour> = all.collect::<std::collections::BTreeSet<_>>().into_iter().collect();
             let first = random.below(all.len());
             let mut colours = [all[first], all[(first + 1 + random.below(all.len() - 1)) % all.len()]];
             colours.sort_unstable();
-            Cause::ColoursSwapped { colours, cameras: Vec::new() }
+            let cameras = if defect == Defect::OneCamerasColours { vec![camera] } else { Vec::new() };
+            Cause::ColoursSwapped { colours, cameras }
         }
         Defect::ParitySwapped => {
             let camera = if random.once_in(2) { None } else { Some(camera) };
@@ -226,7 +244,9 @@ fn spoil(cause: &Cause, field: &mut BlobField) {
     let exchanged = |pair: [u32; 2], v: u32| pair.iter().position(|p| *p == v).map_or(v, |at| pair[1 - at]);
     match cause {
         Cause::CamerasSwapped { cameras } => field.camera = exchanged(*cameras, field.camera),
-        Cause::ColoursSwapped { colours, .. } => {
+        Cause::ColoursSwapped { colours, cameras }
+            if cameras.is_empty() || cameras.contains(&field.camera) =>
+        {
             let count = field.blobs().len();
             let pair = colours.map(|c| c as u32);
             field.blobs[..count].iter_mut().for_each(|b| b.colour = exchanged(pair, b.colour));
@@ -238,6 +258,29 @@ fn spoil(cause: &Cause, field: &mut BlobField) {
             field.exposed_ns = field.exposed_ns.saturating_add_signed((by_ms * 1e6) as i64);
         }
         _ => {}
+    }
+}
+
+/// Gives two markers of different colours each other's colour.
+fn swap_markers(rig: &mut Rig, random: &mut Random) -> Cause {
+    let of_body = |b: usize| rig.body(BODY_NAMES[b]).map_or(&[][..], |body| &body.markers);
+    let all: Vec<(usize, usize)> =
+        (0..BODY_NAMES.len()).flat_map(|b| (0..of_body(b).len()).map(move |m| (b, m))).collect();
+    let colour = |(b, m): (usize, usize)| of_body(b)[m].colour;
+    let one = random.one_of(&all);
+    let others: Vec<(usize, usize)> = all.into_iter().filter(|other| colour(*other) != colour(one)).collect();
+    let other = random.one_of(&others);
+    let (first, second) = (one.min(other), one.max(other));
+    let swapped = [(first, colour(second)), (second, colour(first))];
+    for ((body, marker), colour) in swapped {
+        let own = rig.bodies.iter_mut().find(|b| b.name == BODY_NAMES[body]).expect("a body of each name");
+        own.markers[marker].colour = colour;
+    }
+    match (first, second) {
+        ((a, m), (b, n)) if a == b => Cause::MarkersSwapped { body: BODY_NAMES[a], markers: [m, n] },
+        ((a, m), (b, n)) => {
+            Cause::MarkerColoursSwapped { bodies: [BODY_NAMES[a], BODY_NAMES[b]], markers: [m, n] }
+        }
     }
 }
 

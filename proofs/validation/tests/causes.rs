@@ -31,6 +31,26 @@ fn each_defect_is_named_and_no_innocent_with_it() {
 }
 
 #[test]
+fn what_no_residual_shows_is_named() {
+    // Colours of one camera and of two markers, from the start; stamps that step halfway, when the judged beginning is over.
+    let mut named = 0;
+    for defect in Defect::MORE {
+        for seed in [3, 4] {
+            let planted = plant(defect, Scenario::Nominal, seed, 8.0, 0.0);
+            let truth = planted.truth.clone().expect("a defect");
+            let judged = judge(&planted.rig, &planted.fields, |_, _| true);
+            println!("{truth} from {:.1} s\n    {}", planted.since_s, judged.text());
+            assert!(!judged.holds, "{truth}: {}", judged.text());
+            assert_eq!(judged.explanations.len(), 1, "{truth}: {}", judged.text());
+            assert!(is_truth(&judged.explanations[0].cause, &truth), "{truth}: {}", judged.text());
+            assert!((judged.since_s - planted.since_s).abs() < 1.1, "{truth}: {}", judged.text());
+            named += 1;
+        }
+    }
+    assert_eq!(named, 6);
+}
+
+#[test]
 fn what_hides_behind_something_else_is_named() {
     // Camera 1 was moved much less than camera 2; the blobs of a marker lie so far beside it that the tracker takes them for
     // reflections, and the rest of the rig is as it should be.

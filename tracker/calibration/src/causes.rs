@@ -11,8 +11,10 @@
 
 mod beside;
 pub mod catalogue;
+mod colours;
 mod judge;
 mod judgement;
+mod later;
 mod measure;
 mod places;
 mod progressive;

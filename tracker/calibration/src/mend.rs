@@ -14,6 +14,11 @@ use protocol::blobs::BlobField;
 use protocol::poses::BODY_NAMES;
 use rig::Rig;
 
+/// Time after the begin of a defect, by which its instant is not known, ns, and least length of what follows, ns.
+const AFTER_NS: (u64, u64) = (500_000_000, 2_000_000_000);
+/// A refined rig must leave less than this share of what the rig as it was leaves of held-out instants. Nearly the same is
+/// no reason to change a rig.
+const BETTER: f64 = 0.98;
 /// Where the cause is not known, a refined rig must leave less than this share of what the rig as it was leaves of
 /// held-out instants: freedom alone takes away a little of what no place of a camera explains, a parity for one.
 const OF_UNKNOWN: f64 = 0.75;
@@ -62,7 +67,31 @@ fn freedom(rig: &Rig, known: &PriorSigmas, judgement: &Judgement) -> Result<Free
     Ok(of(causes().next().and_then(|cause| parts(rig, cause)).unwrap_or_default()))
 }
 
-/// Refines a rig by a stream that was judged.
+fn begin_and_end(fields: &[BlobField]) -> [u64; 2] {
+    let instants = || fields.iter().map(|f| f.exposed_ns);
+    [instants().min().unwrap_or(0), instants().max().unwrap_or(0)]
+}
+
+/// The fields since a defect began, or why they do not suffice.
+fn affected(fields: &[BlobField], judgement: &Judgement) -> Result<Vec<BlobField>, String> {
+    if judgement.since_s <= 0.0 {
+        return Ok(fields.to_vec());
+    }
+    let [first, last] = begin_and_end(fields);
+    let from = first + (judgement.since_s * 1e9) as u64 + AFTER_NS.0;
+    if last.saturating_sub(from) < AFTER_NS.1 {
+        return Err(format!(
+            "the rig changed {:.1} s after the beginning of the stream, {:.1} s before its end: record at least \
+             {:.1} s after the change",
+            judgement.since_s,
+            (last - first) as f64 * 1e-9 - judgement.since_s,
+            (AFTER_NS.0 + AFTER_NS.1) as f64 * 1e-9
+        ));
+    }
+    Ok(fields.iter().filter(|f| f.exposed_ns >= from).copied().collect())
+}
+
+/// Refines a rig by a stream that was judged, or by what of it follows a change.
 ///
 /// # Errors
 /// Too few usable instants in either half, or a problem without a solution.
@@ -78,19 +107,26 @@ pub fn mend(
         Ok(free) => free,
         Err(why) => return Ok(Mended::Nothing(why)),
     };
-    let instants = || fields.iter().map(|f| f.exposed_ns);
-    let [first, last] = [instants().min().unwrap_or(0), instants().max().unwrap_or(0)];
+    // What was before a camera or a marker moved speaks against what is true since.
+    let fields = &match affected(fields, judgement) {
+        Ok(fields) => fields,
+        Err(why) => return Ok(Mended::Nothing(why)),
+    };
+    let [first, last] = begin_and_end(fields);
     let half = first + (last - first) / 2;
     let (learnt_by, rest): (Vec<BlobField>, Vec<BlobField>) =
         fields.iter().partition(|f| f.exposed_ns < half);
     let learnt = refine_stream_free(rig, &learnt_by, &free, most, progress)?.bundle.rig(rig);
     let held_out_px = [rig, &learnt].map(|rig| measure(rig, &rest).mean().sqrt());
-    let share = if judgement.verdict == Verdict::Unknown { OF_UNKNOWN } else { 1.0 };
+    let is_unknown = judgement.verdict == Verdict::Unknown;
+    let share = if is_unknown { OF_UNKNOWN } else { BETTER };
     if held_out_px[1] >= share * held_out_px[0] {
         let [before, after] = held_out_px;
         return Ok(Mended::Nothing(format!(
-            "the refined rig predicts held-out instants no better: residuals {after:.3} px, with the previous rig \
-             {before:.3} px"
+            "the refined rig does not predict held-out instants better: residual {after:.3} px, previous rig {before:.3} px; \
+             {} at most {:.3} px",
+            if is_unknown { "with an unknown cause, it must be" } else { "it must be" },
+            share * before
         )));
     }
     let found = Box::new(refine_stream_free(rig, fields, &free, most, progress)?);

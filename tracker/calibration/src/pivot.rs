@@ -18,6 +18,10 @@ const ROUNDS: usize = 20;
 /// Stretches of poses that count as independent: play changes slowly, its instants are not.
 const STRETCHES: usize = 20;
 
+/// Blocks of a jackknife: a shaft that leans on one side of its trocar for seconds gives a few independent places, however
+/// many poses there are.
+const BLOCKS: usize = 5;
+
 /// Covariance of an estimate from the sums of its gradient over stretches: H⁻¹ (Σ g gᵀ) H⁻¹, which
 /// needs no independence within a stretch (Liang & Zeger 1986).
 fn clustered(inverse: &DMatrix<f64>, gradients: &[DVector<f64>]) -> DMatrix<f64> {
@@ -90,6 +94,31 @@ impl Shaft {
 /// # Errors
 /// Too few shafts, or too little tilt.
 pub fn of_shafts(shafts: &[Shaft]) -> Result<Pivot, CalibrationError> {
+    let mut found = nearest_to(shafts)?;
+    if let Some(sigma_mm) = jackknifed(shafts) {
+        found.sigma_mm = found.sigma_mm.sup(&sigma_mm);
+    }
+    Ok(found)
+}
+
+/// Standard deviation of the point by leaving out one block of shafts after the other (Tukey 1958); `None` where a rest does
+/// not determine it.
+fn jackknifed(shafts: &[Shaft]) -> Option<Vector3<f64>> {
+    let length = shafts.len().div_ceil(BLOCKS);
+    let without = |block: usize| {
+        let rest = shafts.iter().enumerate().filter(|(i, _)| i / length != block);
+        let rest: Vec<Shaft> = rest.map(|(_, shaft)| *shaft).collect();
+        nearest_to(&rest).ok().map(|found| found.point.coords)
+    };
+    let points: Vec<Vector3<f64>> = (0..BLOCKS).map(without).collect::<Option<_>>()?;
+    let n = points.len() as f64;
+    let mean = points.iter().sum::<Vector3<f64>>() / n;
+    let squares = points.iter().map(|p| (p - mean).component_mul(&(p - mean))).sum::<Vector3<f64>>();
+    Some((squares * ((n - 1.0) / n)).map(f64::sqrt))
+}
+
+/// The point nearest to all shafts, with the standard deviation by their scatter.
+fn nearest_to(shafts: &[Shaft]) -> Result<Pivot, CalibrationError> {
     if shafts.len() < FEWEST {
         return Err(degenerate(format!("{} poses with a shaft; at least {FEWEST} are needed", shafts.len())));
     }

@@ -33,6 +33,13 @@ pub enum Cause {
         /// Places of the markers in the rig file, from 0 on.
         markers: [usize; 2],
     },
+    /// Two markers of different bodies have each other's colour in the rig.
+    MarkerColoursSwapped {
+        /// The two bodies.
+        bodies: [&'static str; 2],
+        /// Places of the markers in the rig file, from 0 on, in the order of their bodies.
+        markers: [usize; 2],
+    },
     /// Fields say that they are of the even lines where they are of the odd ones.
     ParitySwapped {
         /// Of this camera; `None`: of all.
@@ -188,6 +195,16 @@ impl Cause {
         Cause::MarkerMoved { body: BODY_NAMES[body], marker, by_mm }
     }
 
+    /// True where it says that a camera is elsewhere, or that any may be.
+    pub fn moves_camera(&self, id: u32) -> bool {
+        match self {
+            Cause::CameraMoved { camera, .. } => *camera == id,
+            Cause::CamerasMoved { cameras } => cameras.contains(&id),
+            Cause::Drifted => true,
+            _ => false,
+        }
+    }
+
     /// Numbers that were estimated from the blobs.
     pub fn parameters(&self) -> usize {
         match self {
@@ -207,7 +224,8 @@ impl Cause {
             Cause::ColoursSwapped { .. } => {
                 "learn the colour classes again (vitreo colours), or correct the markers' colours in the rig file"
             }
-            Cause::MarkersSwapped { .. } => "exchange the two markers' places in the rig file",
+            Cause::MarkersSwapped { .. } => "exchange the two markers' colours in the rig file",
+            Cause::MarkerColoursSwapped { .. } => "exchange the two markers' colours in the rig file",
             Cause::ParitySwapped { .. } => "correct which field the camera's driver calls the even one",
             Cause::Progressive { .. } => {
                 "set the camera to interlaced pictures, or give both fields of a picture one exposure"
@@ -226,7 +244,8 @@ impl Cause {
             }
             Cause::Drifted => "calibrate again: vitreo calibrate waved",
             Cause::CameraMoved { .. } => {
-                "put it back, or calibrate again: vitreo calibrate waved after a small move, dots or stereo after a large one"
+                "put it back, or calibrate again: vitreo calibrate waved after a small move, dots or stereo after a large one; \
+                 intrinsics first if its lens was changed or focused again"
             }
             Cause::CameraLost { .. } => "check its cable and its driver",
             Cause::InputMissing { .. } => "record to a faster disk; vitreo check lists what is missing",
@@ -247,6 +266,9 @@ impl fmt::Display for Cause {
             }
             Cause::MarkersSwapped { body, markers: [a, b] } => {
                 write!(f, "markers {a} and {b} of {body} are swapped")
+            }
+            Cause::MarkerColoursSwapped { bodies: [of_a, of_b], markers: [a, b] } => {
+                write!(f, "the colours of marker {a} of {of_a} and marker {b} of {of_b} are swapped")
             }
             Cause::ParitySwapped { camera } => write!(f, "the parity of {} is swapped", of_camera(*camera)),
             Cause::Progressive { camera } => write!(

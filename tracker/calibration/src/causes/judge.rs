@@ -1,15 +1,16 @@
 //! Which causes explain what is left in the pictures, and since when.
 
-use super::beside::is_a_marker_beside;
+use super::beside::hides_an_error;
 use super::judgement::{Explanation, Judgement, Verdict};
-use super::measure::{Left, SLICE_NS, START_NS, measure};
+use super::measure::{CAP_PX, Left, SLICE_NS, START_NS, measure};
 use super::together::Together;
 use super::trial::{hypotheses, try_all};
 use super::work::Work;
-use super::{Cause, progressive, rest, together};
+use super::{Cause, later, progressive, rest, together};
 use protocol::blobs::BlobField;
 use protocol::time::Nanos;
 use rig::Rig;
+use std::mem::discriminant;
 
 /// Length of the stretch that is judged, ns.
 const STRETCH_NS: u64 = 3_000_000_000;
@@ -27,10 +28,16 @@ const LEAST: (f64, f64) = (0.01, 0.25);
 const BEGUN: (f64, f64) = (1.8, 0.006);
 /// Variance of the logarithms of the mean squares where nothing changes.
 const SCATTER: f64 = 0.05;
+/// Fewest blobs that are judged.
+const FEWEST: u64 = 200;
+/// A later stretch may have so much larger a share of blobs that measure no pose.
+const LIKE: f64 = 0.1;
 /// Slices after the begin of a defect, at least: fewer are too little to judge.
 const LATER: usize = 3;
 /// Mean square that a rig which holds may leave, px²: markers that hide each other.
 const FLOOR_PX2: f64 = 0.02;
+/// Share of the blobs, at most, that are no marker's and count as nothing wrong.
+const STRANGERS: f64 = 0.05;
 /// Share of what is above that which a remedy must take away.
 const MOST: f64 = 0.75;
 
@@ -52,10 +59,93 @@ pub fn judge_within(
     // What progressive pictures leave depends on the motion, not on when they began.
     let always = progressive::detect(rig, &stretch(fields, begin)).is_some();
     let from = onset.filter(|_| !always).unwrap_or(begin);
+    let first = judge_from(rig, fields, [begin, from], work, &go_on);
+    if first.verdict != Verdict::NothingWrong {
+        // A clock shows only while something moves: it may be wrong for longer than that.
+        let earliest = begin.max(from.saturating_sub(STRETCH_NS));
+        return if from > begin { dated(rig, fields, first, [begin, earliest, from]) } else { first };
+    }
+    judge_later(rig, fields, ([begin, from], &first), work, &go_on).unwrap_or(first)
+}
+
+/// What is wrong with the parts of fields of which the stretch at `from` is as it should be; `None` where nothing is.
+fn judge_later(
+    rig: &Rig,
+    fields: &[BlobField],
+    ([begin, from], first): ([Nanos; 2], &Judgement),
+    work: &Work,
+    go_on: &(impl Fn(usize, usize) -> bool + Sync),
+) -> Option<Judgement> {
+    let wrong = |from: Nanos| {
+        let part = stretch(fields, from);
+        if is_like(rig, &part, first) {
+            return None;
+        }
+        let judgement = judge_from(rig, fields, [begin, from], work, go_on);
+        // Bodies that are put away are no error of the rig.
+        let is_put_away = || leaves_little(&measure(rig, &part), TRACKED_SHARE);
+        match judgement.verdict {
+            Verdict::Explained => Some((from, judgement)),
+            Verdict::Unknown | Verdict::Stopped if !is_put_away() => Some((from, judgement)),
+            _ => None,
+        }
+    };
+    let at_begin = (from > begin).then_some(begin);
+    let begins: Vec<Nanos> = at_begin.into_iter().chain(later::begins(fields, STRETCH_NS, work)).collect();
+    let (at, (from, found)) = begins.iter().enumerate().find_map(|(i, from)| Some((i, wrong(*from)?)))?;
+    let right = if at == 0 { begin } else { begins[at - 1] };
+    let kind = |judgement: &Judgement| cause_alone(judgement).map(discriminant);
+    let is_same = |other: &Judgement| kind(&found).is_some() && kind(&found) == kind(other);
+    // It may begin within that stretch. The next one, or the end of the last, says better how large it is.
+    let next = begins.get(at + 1).copied().unwrap_or(from + STRETCH_NS / 2);
+    let whole = judge_from(rig, fields, [begin, next], work, go_on);
+    let (from, judgement) = if is_same(&whole) { (next, whole) } else { (from, found) };
+    Some(dated(rig, fields, judgement, [begin, right, from]))
+}
+
+/// The only cause that is named.
+fn cause_alone(judgement: &Judgement) -> Option<&Cause> {
+    match &judgement.explanations[..] {
+        [only] => Some(&only.cause),
+        _ => None,
+    }
+}
+
+/// The judgement of the stretch at `from` with the begin of its cause, which is after `right`.
+fn dated(
+    rig: &Rig,
+    fields: &[BlobField],
+    judgement: Judgement,
+    [begin, right, from]: [Nanos; 3],
+) -> Judgement {
+    let part = stretch(fields, from);
+    let cause = cause_alone(&judgement).zip(part.iter().map(|f| f.exposed_ns).max());
+    let since = cause.and_then(|(cause, end)| later::since(rig, fields, cause, &part, [right, end]));
+    Judgement { since_s: (since.unwrap_or(from) - begin) as f64 * 1e-9, ..judgement }
+}
+
+/// True for a stretch that leaves noise, as the first one did.
+fn is_like(rig: &Rig, part: &[BlobField], first: &Judgement) -> bool {
+    let left = measure(rig, part);
+    let share = (1.0 - first.unexplained - LIKE).min(HOLDS_SHARE);
+    left.all.count < FEWEST
+        || leaves_little(&left, share)
+            && together::estimate(rig, part).is_ok_and(|t| t.above.is_noise())
+            && !hides_an_error(rig, part)
+}
+
+/// Judges the stretch from an exposure on; `begin` is that of the first field.
+fn judge_from(
+    rig: &Rig,
+    fields: &[BlobField],
+    [begin, from]: [Nanos; 2],
+    work: &Work,
+    go_on: &(impl Fn(usize, usize) -> bool + Sync),
+) -> Judgement {
     let stretch = stretch(fields, from);
     let before = measure(rig, &stretch);
     let mut judgement = beginning(&before, from.saturating_sub(begin));
-    if before.all.count < 200 {
+    if before.all.count < FEWEST {
         return judgement;
     }
     if let Some(cause) = progressive::detect(rig, &stretch) {
@@ -79,7 +169,7 @@ pub fn judge_within(
         }
         return judgement;
     }
-    search(rig, &stretch, (&before, together), work, &mut judgement, &go_on);
+    search(rig, &stretch, (&before, together), work, &mut judgement, go_on);
     judgement
 }
 
@@ -131,8 +221,20 @@ fn search(
     judgement.tried += if was_stopped { 0 } else { hypotheses.len() };
     let singles = found.map_or_else(Vec::new, |found| alike(before, found));
     judgement.explanations = rest::complete(rig, fields, singles);
+    // No one cause makes a rig hold where reflections are many: what they leave out is judged by the rest.
+    if let Some(found) = together.as_ref().filter(|t| {
+        judgement.explanations.is_empty()
+            && !was_stopped
+            && !t.above.is_noise()
+            && t.mends_all_but(1.0 - TRACKED_SHARE, rig, stretch)
+    }) {
+        let tried = judgement.tried;
+        take(found, judgement);
+        judgement.tried += tried;
+        return;
+    }
     let noise = together.filter(|t| {
-        t.above.is_noise() && leaves_little(before, TRACKED_SHARE) && !is_a_marker_beside(rig, fields)
+        t.above.is_noise() && leaves_little(before, TRACKED_SHARE) && !hides_an_error(rig, fields)
     });
     judgement.holds = judgement.explanations.is_empty() && noise.is_some();
     judgement.above_px = noise.filter(|_| judgement.holds).map_or(judgement.above_px, |t| t.above.px);
@@ -187,8 +289,13 @@ fn unlikelihood(numbers: &[f64]) -> (f64, f64) {
 /// The causes whose remedies make the rig hold, or take away about as much as the best of those.
 fn alike(before: &Left, found: Vec<(Cause, Left)>) -> Vec<Explanation> {
     let taken = |left: &Left| before.mean() - left.mean();
-    let best = found.iter().filter(|(_, left)| holds(left)).map(|(_, left)| taken(left)).fold(0.0, f64::max);
-    let least = LEAST.0.max(LEAST.1 * before.mean()).max(MOST * (before.mean() - FLOOR_PX2));
+    let right = || found.iter().map(|(_, left)| left).filter(|left| holds(left));
+    let Some(most) = right().max_by(|a, b| taken(a).total_cmp(&taken(b))) else { return Vec::new() };
+    let best = taken(most);
+    // A few blobs are no marker's, whatever is mended.
+    let strangers = (1.0 - most.explained_share()).min(STRANGERS);
+    let floor = FLOOR_PX2 + strangers * CAP_PX * CAP_PX;
+    let least = LEAST.0.max(LEAST.1 * before.mean()).max(MOST * (before.mean() - floor));
     if best < least {
         return Vec::new();
     }

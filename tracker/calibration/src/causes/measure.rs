@@ -11,7 +11,7 @@ use tracker::assembler::FrameAssembler;
 
 /// Largest residual that counts, px; also that of a blob that no marker explains. Larger, a single reflex
 /// outweighs what a small defect leaves in all blobs.
-const CAP_PX: f64 = 2.0;
+pub const CAP_PX: f64 = 2.0;
 /// A fresh tracker has found its bodies after this, ns.
 pub const START_NS: u64 = 300_000_000;
 /// A camera of whose fields a smaller share goes into frames is left out.

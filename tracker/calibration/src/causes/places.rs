@@ -54,7 +54,17 @@ fn frame_px(field: &BlobField, blob: usize) -> Vector2<f64> {
 
 /// The blob of a colour nearest to a place.
 pub fn nearest(field: &BlobField, colour: u32, place: Vector2<f64>, reach_px: f64) -> Option<usize> {
-    let own = (0..field.blobs().len()).filter(|i| field.blobs()[*i].colour == colour);
+    nearest_of(field, |other| other == colour, place, reach_px)
+}
+
+/// The blob of some colours nearest to a place.
+pub fn nearest_of(
+    field: &BlobField,
+    is_one: impl Fn(u32) -> bool,
+    place: Vector2<f64>,
+    reach_px: f64,
+) -> Option<usize> {
+    let own = (0..field.blobs().len()).filter(|i| is_one(field.blobs()[*i].colour));
     let near = own.map(|i| (i, (frame_px(field, i) - place).norm_squared()));
     near.filter(|(_, d2)| *d2 < reach_px * reach_px).min_by(|a, b| a.1.total_cmp(&b.1)).map(|(i, _)| i)
 }

@@ -85,7 +85,9 @@ fn undo(rig: &Rig, cause: &Cause, field: &mut BlobField) {
     let is_it = |camera: &Option<u32>, of: u32| camera.is_none_or(|id| id == of);
     match cause {
         Cause::CamerasSwapped { cameras } => field.camera = exchanged(*cameras, field.camera),
-        Cause::ColoursSwapped { colours, .. } => {
+        Cause::ColoursSwapped { colours, cameras }
+            if cameras.is_empty() || cameras.contains(&field.camera) =>
+        {
             let count = field.blobs().len();
             for blob in &mut field.blobs[..count] {
                 blob.colour = exchanged(colours.map(|c| c as u32), blob.colour);
@@ -110,6 +112,24 @@ fn undo(rig: &Rig, cause: &Cause, field: &mut BlobField) {
         }
         _ => {}
     }
+}
+
+/// The rig as it would be without the cause, where that is an entry of its file.
+pub fn amended(rig: &Rig, cause: &Cause) -> Rig {
+    let ([of_a, of_b], [a, b]) = match *cause {
+        Cause::MarkersSwapped { body, markers } => ([body; 2], markers),
+        Cause::MarkerColoursSwapped { bodies, markers } => (bodies, markers),
+        _ => return rig.clone(),
+    };
+    let mut amended = rig.clone();
+    let colour = |body: &str, marker: usize| rig.body(body).map(|b| b.markers[marker].colour);
+    for (body, marker, colour) in [(of_a, a, colour(of_b, b)), (of_b, b, colour(of_a, a))] {
+        let own = amended.bodies.iter_mut().find(|own| own.name == body);
+        if let (Some(own), Some(colour)) = (own, colour) {
+            own.markers[marker].colour = colour;
+        }
+    }
+    amended
 }
 
 fn exchanged([a, b]: [u32; 2], value: u32) -> u32 {

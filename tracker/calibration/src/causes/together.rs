@@ -8,7 +8,7 @@
 //! away all but noise, and no part of it does so alone; where several do, all are named.
 
 use super::Cause;
-use super::beside::is_a_marker_beside;
+use super::beside::hides_an_error;
 use super::judgement::Explanation;
 use super::measure::measure;
 use crate::CalibrationError;
@@ -137,6 +137,11 @@ fn retimed(rig: &Rig, fields: &[BlobField], late_s: &[f64]) -> Vec<BlobField> {
 impl Together {
     /// True where it explains the stretch: with everything mended, the blobs measure poses, and leave little.
     pub fn mends(&self, rig: &Rig, fields: &[BlobField]) -> bool {
+        self.mends_all_but(1.0 - FOLLOWS.0, rig, fields)
+    }
+
+    /// The same where up to a share of the blobs are no marker's.
+    pub fn mends_all_but(&self, strangers: f64, rig: &Rig, fields: &[BlobField]) -> bool {
         let bundle = &self.found.bundle;
         let mut undone = retimed(rig, fields, &bundle.late_s);
         for field in &mut undone {
@@ -147,8 +152,8 @@ impl Together {
         }
         let left = measure(&bundle.rig(rig), &undone);
         let little = left.explained.rms().is_some_and(|px| px < LEFT_PX);
-        let follows = left.explained_share() > FOLLOWS.0 && little && self.noise < NOISE;
-        follows && !is_a_marker_beside(&bundle.rig(rig), &undone)
+        let follows = left.explained_share() > 1.0 - strangers && little && self.noise < NOISE;
+        follows && !hides_an_error(&bundle.rig(rig), &undone)
     }
 
     /// True where more than noise remains of what is explained, little as it is beside what there was.

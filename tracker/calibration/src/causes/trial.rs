@@ -1,9 +1,9 @@
 //! Tries of remedies: of each hypothesis, its best parameters and what is left with them.
 
 use super::measure::{Left, measure};
-use super::remedy::{discrete, rescaled, undone};
+use super::remedy::{amended, discrete, rescaled, undone};
 use super::search::{best_of, least};
-use super::{Cause, places};
+use super::{Cause, colours, places};
 use protocol::blobs::BlobField;
 use protocol::limits::BODIES;
 use protocol::poses::BODY_NAMES;
@@ -37,6 +37,7 @@ pub enum Hypothesis {
 /// Everything that a rig and its blobs allow.
 pub fn hypotheses(rig: &Rig, fields: &[BlobField]) -> Vec<Hypothesis> {
     let mut all: Vec<Hypothesis> = discrete(rig, fields).into_iter().map(Hypothesis::Discrete).collect();
+    all.extend(colours::swaps(rig, fields).into_iter().map(Hypothesis::Discrete));
     let ids = || rig.cameras.iter().map(|c| c.id);
     all.extend(ids().map(Hypothesis::Shift));
     all.push(Hypothesis::Scale);
@@ -77,7 +78,9 @@ impl<'a> Stretch<'a> {
         let of = |cause: &Cause| measure(rig, &undone(rig, cause, fields));
         match *hypothesis {
             Hypothesis::Discrete(ref cause) => {
-                self.helps(rig, &undone(rig, cause, &self.part)).then(|| (cause.clone(), of(cause)))
+                let of = |fields: &[BlobField]| (amended(rig, cause), undone(rig, cause, fields));
+                let (amended, part) = of(&self.part);
+                self.helps(&amended, &part).then(|| (cause.clone(), measure(&amended, &of(fields).1)))
             }
             Hypothesis::Shift(camera) => {
                 let cause = |by_ms| Cause::ClockShifted { camera, by_ms };

@@ -13,13 +13,15 @@ pub struct Work {
     pub scanned: usize,
     /// Camera-fields that are tracked to try remedies, all remedies together.
     pub tried: usize,
+    /// Later stretches that are judged where the first one holds.
+    pub later: u64,
 }
 
 impl Work {
     /// All that is there.
-    pub const FULL: Work = Work { scanned: usize::MAX, tried: usize::MAX };
+    pub const FULL: Work = Work { scanned: usize::MAX, tried: usize::MAX, later: 7 };
     /// For the end of a run or a replay, where somebody waits: some seconds of a processor.
-    pub const AT_END: Work = Work { scanned: 12_000, tried: 36_000 };
+    pub const AT_END: Work = Work { scanned: 12_000, tried: 36_000, later: 1 };
 
     /// What a rig leaves of the fields that are scanned, by slices.
     pub(super) fn slices(&self, rig: &Rig, fields: &[BlobField]) -> Vec<(Nanos, Left)> {
@@ -78,7 +80,7 @@ mod tests {
     fn the_more_there_is_to_try_the_shorter_the_stretch_but_never_below_a_part() {
         let fields = fields(600);
         let length = |tried: usize, hypotheses: &[Hypothesis]| {
-            Work { scanned: 0, tried }.stretch(&fields, hypotheses).len()
+            Work { scanned: 0, tried, later: 0 }.stretch(&fields, hypotheses).len()
         };
         let shifts = [Hypothesis::Shift(0), Hypothesis::Shift(1)];
         assert_eq!(length(usize::MAX, &shifts), 600);
@@ -96,7 +98,7 @@ mod tests {
             field.blobs_out_ns = field.exposed_ns + 1_000_000;
         }
         let begins = |scanned| -> Vec<Nanos> {
-            let slices = Work { scanned, tried: 0 }.slices(&rig, &fields);
+            let slices = Work { scanned, tried: 0, later: 0 }.slices(&rig, &fields);
             slices.into_iter().map(|(begin, _)| begin).collect()
         };
         let few = begins(1_600);

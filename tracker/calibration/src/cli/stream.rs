@@ -29,6 +29,9 @@ use std::process::ExitCode;
 /// rig that holds.
 pub const LIMIT_PX: f64 = 0.05;
 
+/// A trocar is put nowhere that is less certain than this, mm.
+const DOUBT_MM: f64 = 0.1;
+
 /// Arguments of `vitreo calibrate waved`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct WavedArgs {
@@ -138,11 +141,21 @@ fn nothing_written(
     judgement: &Judgement,
     why: &str,
 ) -> anyhow::Result<ExitCode> {
+    no_rig(output, task, judgement, &format!("nothing was written: {why}"))
+}
+
+/// The same of a command that never writes a rig.
+fn no_rig(
+    output: &OutputArgs,
+    task: &'static str,
+    judgement: &Judgement,
+    verdict: &str,
+) -> anyhow::Result<ExitCode> {
     let mut report = Report { task, ..Report::default() };
     report.notes.push(judgement.text());
-    report.notes.push(format!("nothing was written: {why}"));
+    report.notes.push(verdict.into());
     output.print(&report, &[], &[])?;
-    warn(&format!("nothing was written: {why}"));
+    warn(verdict);
     Ok(ExitCode::from(DIFFERS))
 }
 
@@ -213,7 +226,7 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<ExitCode> {
     let found = match drift_check::check(&rig, &seen, args.limit_px) {
         Ok(found) => found,
         Err(_) if !judgement.holds => {
-            return nothing_written(&args.output, "drift", &judgement, "the calibration is no longer valid");
+            return no_rig(&args.output, "drift", &judgement, "the calibration is no longer valid");
         }
         Err(problem) => return Err(problem.into()),
     };
@@ -221,7 +234,8 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<ExitCode> {
     args.output.print(&report, &[], &[])?;
     // The rig stays as it is; the result is what was found of it.
     args.output.write(&report.to_json().to_string())?;
-    let shifted = rig.cameras.iter().zip(&found.cameras).filter(|(_, c)| c.drifted);
+    let blamed = |id: u32| judgement.holds || judgement.explanations.iter().any(|e| e.cause.moves_camera(id));
+    let shifted = rig.cameras.iter().zip(&found.cameras).filter(|(c, shift)| shift.drifted && blamed(c.id));
     for (camera, shift) in shifted {
         warn(&format!(
             "camera {} has drifted: its residuals are shifted by {:.3} px (chance {:.3} px, limit {:.3} px); \
@@ -370,6 +384,14 @@ fn report_pivot(report: &mut Report, what: &str, found: &Pivot) {
 
 fn set_trocar(rig: &mut Rig, name: &str, found: &Pivot, report: &mut Report) {
     report_pivot(report, &format!("trocar of {name} in the eye"), found);
+    let doubt_mm = found.sigma_mm.norm();
+    if doubt_mm > DOUBT_MM {
+        report.notes.push(format!(
+            "trocar of {name}: unchanged, as it would be uncertain by {doubt_mm:.2} mm: tilt the instrument far to all \
+             sides, for 20 s or more"
+        ));
+        return;
+    }
     if let Some(old) = rig.trocars.iter_mut().find(|t| t.body == name) {
         let moved = (found.point.coords - Vector3::from(old.p_eye)).norm();
         report.figure(format!("trocar of {name}: distance from the rig's"), moved, "mm");
