@@ -83,7 +83,7 @@ fn table(all: &[Said]) {
         "| defect | streams | named alone | among several | not named | `drift`, `pivot`: holds | `waved` writes | `replay` warns |"
     );
     println!("|---|---|---|---|---|---|---|---|");
-    for defect in Defect::ALL {
+    for defect in Defect::ALL.into_iter().chain(Defect::MORE) {
         let of = |test: &dyn Fn(&Said) -> bool| count(all, |s| s.defect == defect && test(s));
         println!(
             "| {defect:?} | {} | {} | {} | {} | {} | {} | {} |",
