@@ -221,11 +221,15 @@ impl Cause {
     pub fn remedy(&self) -> Option<&'static str> {
         Some(match self {
             Cause::CamerasSwapped { .. } => "exchange the two cables, or the ids in the rig file",
+            Cause::ColoursSwapped { cameras, .. } if !cameras.is_empty() => {
+                "set that camera as the others are (white balance, order of its colour channels), or learn its colour classes again (vitreo colours)"
+            }
             Cause::ColoursSwapped { .. } => {
                 "learn the colour classes again (vitreo colours), or correct the markers' colours in the rig file"
             }
-            Cause::MarkersSwapped { .. } => "exchange the two markers' colours in the rig file",
-            Cause::MarkerColoursSwapped { .. } => "exchange the two markers' colours in the rig file",
+            Cause::MarkersSwapped { .. } | Cause::MarkerColoursSwapped { .. } => {
+                "exchange the two markers' colours in the rig file"
+            }
             Cause::ParitySwapped { .. } => "correct which field the camera's driver calls the even one",
             Cause::Progressive { .. } => {
                 "set the camera to interlaced pictures, or give both fields of a picture one exposure"

@@ -1,7 +1,7 @@
 //! Colours that are exchanged in one camera, or between two markers of the rig file.
 //!
-//! There are many such pairs. Worth a try are those of which a part is hardly ever measured: a colour that one camera
-//! sees in vain where another uses it, and a marker that has no blob of its own.
+//! There are many such pairs. Worth a try are those of which a part is hardly ever measured: a colour whose
+//! blobs measure less in one camera than in another, and a marker that has no blob of its own.
 
 use super::Cause;
 use super::measure::{START_NS, track};
@@ -59,7 +59,7 @@ impl Usage {
     }
 
     /// True where a camera has blobs of a colour and uses fewer of them than another camera does.
-    fn is_in_vain(&self, rig: &Rig, camera: u32, colour: Colour) -> bool {
+    fn is_hardly_used(&self, rig: &Rig, camera: u32, colour: Colour) -> bool {
         let best = rig.cameras.iter().map(|c| self.share(c.id, colour)).fold(0.0, f64::max);
         let is_seen = self.colours.contains_key(&(camera, colour as u32));
         is_seen && self.share(camera, colour) < LESS * best
@@ -76,9 +76,9 @@ pub fn swaps(rig: &Rig, fields: &[BlobField]) -> Vec<Cause> {
     let usage = Usage::of(rig, fields);
     let mut causes = Vec::new();
     for camera in rig.cameras.iter().map(|c| c.id) {
-        let in_vain = |colour: &Colour| usage.is_in_vain(rig, camera, *colour);
+        let hardly_used = |colour: &Colour| usage.is_hardly_used(rig, camera, *colour);
         for (i, a) in Colour::ALL.iter().enumerate() {
-            let others = Colour::ALL[i + 1..].iter().filter(|b| in_vain(a) || in_vain(b));
+            let others = Colour::ALL[i + 1..].iter().filter(|b| hardly_used(a) || hardly_used(b));
             causes.extend(others.map(|b| Cause::ColoursSwapped { colours: [*a, *b], cameras: vec![camera] }));
         }
     }

@@ -6,7 +6,6 @@ use super::measure::{SLICE_NS, START_NS, measure};
 use super::remedy::{amended, undone};
 use super::{places, work::Work};
 use protocol::blobs::BlobField;
-use protocol::poses::BODY_NAMES;
 use protocol::time::Nanos;
 use rig::Rig;
 
@@ -49,11 +48,7 @@ pub fn since(
 /// The rig without a cause; `None` where it cannot be had from the cause alone.
 fn mended(rig: &Rig, fields: &[BlobField], cause: &Cause) -> Option<Rig> {
     match cause {
-        Cause::CameraMoved { camera, .. } => places::camera_moved(rig, fields, *camera).map(|found| found.0),
-        Cause::MarkerMoved { body, marker, .. } => {
-            let body = BODY_NAMES.iter().position(|name| name == body)?;
-            places::marker_moved(rig, fields, body, *marker).map(|found| found.0)
-        }
+        Cause::CameraMoved { .. } | Cause::MarkerMoved { .. } => places::moved(rig, fields, cause),
         Cause::CamerasMoved { .. } | Cause::Drifted | Cause::Scale { .. } => None,
         _ => Some(amended(rig, cause)),
     }

@@ -7,7 +7,7 @@ use protocol::blobs::BlobField;
 use protocol::geometry::Validity;
 use protocol::limits::BODIES;
 use protocol::matches::MatchFrame;
-use protocol::poses::TrackerFrame;
+use protocol::poses::{BODY_NAMES, TrackerFrame};
 use protocol::predict::predict;
 use rig::Rig;
 use rig::camera::Camera;
@@ -67,6 +67,19 @@ pub fn nearest_of(
     let own = (0..field.blobs().len()).filter(|i| is_one(field.blobs()[*i].colour));
     let near = own.map(|i| (i, (frame_px(field, i) - place).norm_squared()));
     near.filter(|(_, d2)| *d2 < reach_px * reach_px).min_by(|a, b| a.1.total_cmp(&b.1)).map(|(i, _)| i)
+}
+
+/// The rig with the camera or the marker that a cause names where the blobs say; `None` of other causes.
+pub fn moved(rig: &Rig, fields: &[BlobField], cause: &Cause) -> Option<Rig> {
+    let (moved, _) = match cause {
+        Cause::CameraMoved { camera, .. } => camera_moved(rig, fields, *camera)?,
+        Cause::MarkerMoved { body, marker, .. } => {
+            let body = BODY_NAMES.iter().position(|name| name == body)?;
+            marker_moved(rig, fields, body, *marker)?
+        }
+        _ => return None,
+    };
+    Some(moved)
 }
 
 /// The rig with a camera where the bodies that the others track are seen from, and the cause that says so.
@@ -137,7 +150,7 @@ fn resected(
 
 /// The rig with a marker where its blobs say, and the cause that says so.
 pub fn marker_moved(rig: &Rig, fields: &[BlobField], body: usize, marker: usize) -> Option<(Rig, Cause)> {
-    let name = protocol::poses::BODY_NAMES[body];
+    let name = BODY_NAMES[body];
     let index = rig.bodies.iter().position(|b| b.name == name)?;
     let place = |rig: &Rig| Vector3::from(rig.bodies[index].markers[marker].p);
     let mut moved = rig.clone();

@@ -7,7 +7,6 @@ use super::judgement::Explanation;
 use super::together::{self, Together};
 use super::{Cause, measure, places};
 use protocol::blobs::BlobField;
-use protocol::poses::BODY_NAMES;
 use rig::Rig;
 
 /// Adds to each part that was moved the other one that the rest names.
@@ -24,14 +23,7 @@ pub fn complete(rig: &Rig, fields: &[BlobField], explanations: Vec<Explanation>)
 
 /// The explanation with what the rest names beside it; `None` where the rest is noise, or more of the same.
 fn with_rest(rig: &Rig, fields: &[BlobField], single: &Explanation) -> Option<Explanation> {
-    let (mended, _) = match &single.cause {
-        Cause::CameraMoved { camera, .. } => places::camera_moved(rig, fields, *camera)?,
-        Cause::MarkerMoved { body, marker, .. } => {
-            let body = BODY_NAMES.iter().position(|name| name == body)?;
-            places::marker_moved(rig, fields, body, *marker)?
-        }
-        _ => return None,
-    };
+    let mended = places::moved(rig, fields, &single.cause)?;
     let rest = together::estimate(&mended, fields).ok()?;
     if rest.above.is_noise() || !rest.mends(&mended, fields) {
         return None;

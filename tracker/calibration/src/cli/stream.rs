@@ -296,7 +296,7 @@ pub fn pivot(args: &PivotArgs) -> anyhow::Result<ExitCode> {
                     &args.output,
                     "pivot",
                     &judgement,
-                    "pivots of a rig that does not hold are elsewhere",
+                    "with a calibration that is no longer valid, trocars would be put in wrong places",
                 );
             }
             let instants = with_spinner("tracking", |_| spread(collect(&rig, &fields), args.from.instants));
