@@ -9,7 +9,8 @@ use protocol::blobs::BlobField;
 use protocol::time::Nanos;
 use rig::Rig;
 
-/// Begins of the later stretches that are judged, of equal distance, the last one at the end.
+/// Begins of the later stretches that are judged: of equal distance, one that reaches to the end, and the second half of
+/// that one. In a stretch within which a clock steps, its camera takes part in a part of the frames, which looks right.
 pub fn begins(fields: &[BlobField], stretch_ns: u64, work: &Work) -> Vec<Nanos> {
     let instants = || fields.iter().map(|f| f.exposed_ns);
     let (Some(begin), Some(end)) = (instants().min(), instants().max()) else { return Vec::new() };
@@ -18,7 +19,8 @@ pub fn begins(fields: &[BlobField], stretch_ns: u64, work: &Work) -> Vec<Nanos> 
         return Vec::new();
     }
     let count = room_ns.div_ceil(stretch_ns).min(work.later);
-    (1..=count).map(|i| begin + room_ns / count * i).collect()
+    let whole = (1..=count).map(|i| begin + room_ns / count * i);
+    whole.chain([end - stretch_ns / 2]).collect()
 }
 
 /// The instant after `from` since when a cause is at work until `end`: the remedy takes away most from what follows it.
