@@ -124,7 +124,7 @@ fn lists_of_fields_that_do_not_fit_are_refused_with_their_line() {
     );
     with(&line(2, 0), &["f.jsonl, line 1: cam: expected 0 to 1, one for each of 2 clips, found 2"]);
     with(&line(9, 0), &["f.jsonl, line 1: cam: expected 0 to 7, found 9"]);
-    with("{\"cam\":0}\n", &["f.jsonl, line 1: column", "missing field"]);
+    with("{\"cam\":0}\n", &["f.jsonl, line 1: column", "missing key"]);
     with("\u{0}\n", &["f.jsonl, line 1"]);
 }
 

@@ -52,6 +52,7 @@ pub mod limits;
 pub mod matches;
 pub mod message;
 pub mod optics;
+pub mod parse_error;
 pub mod phases;
 pub mod poses;
 pub mod predict;

@@ -118,7 +118,7 @@ fn expect_two_writers(done: &Finished, report: &Value) {
     assert_eq!(used, count("lines"), "{stream}");
     assert!(count("fields") > LINES as u64 && count("time_bases") >= 2 && count("silences") >= 1, "{stream}");
     for line in [LINES / 2 + 1, LINES + LINES / 2 + 2] {
-        let named = format!("line {line}: column 9: missing field `seq`");
+        let named = format!("line {line}: column 9: missing key seq");
         assert!(done.stderr.contains(&named), "{named}: {done:?}");
     }
     let silent = report["warnings"].as_array().expect("warnings").iter();

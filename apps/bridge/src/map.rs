@@ -4,6 +4,7 @@ use nalgebra::Isometry3;
 use protocol::file::{MAX_SETTINGS_BYTES, read_text};
 use protocol::geometry::Pose;
 use protocol::limits::BODIES;
+use protocol::parse_error;
 use protocol::poses::{BODY_NAMES, EYE};
 use serde::Deserialize;
 use std::ops::RangeInclusive;
@@ -28,7 +29,7 @@ pub enum MapError {
     Read(#[from] std::io::Error),
     /// It is no TOML of this form; the text names line and key.
     #[error("{0}")]
-    Form(Box<toml::de::Error>),
+    Form(String),
     /// A value cannot be.
     #[error("{key}: expected {expected}, found {found}")]
     Value {
@@ -129,7 +130,7 @@ impl Map {
     /// # Errors
     /// Where it makes no sense.
     pub fn read(text: &str) -> Result<Self, MapError> {
-        let file: MapFile = toml::from_str(text).map_err(|e| MapError::Form(Box::new(e)))?;
+        let file: MapFile = toml::from_str(text).map_err(|e| MapError::Form(parse_error::toml(text, &e)))?;
         let entries = [&file.inst0, &file.inst1, &file.eye];
         let mut map = Map { bodies: [None, None, None], ..Map::default() };
         for (i, entry) in entries.into_iter().enumerate() {
@@ -231,7 +232,7 @@ mod tests {
         for (text, named) in [
             ("", "expected the transform of one instrument"),
             ("[eye]\ntransform = \"E\"\n", "expected the transform of one instrument"),
-            ("[inst2]\ntransform = \"A\"\n", "unknown field `inst2`"),
+            ("[inst2]\ntransform = \"A\"\n", "unknown key inst2"),
             ("[inst0]\ntransform = \"\"\n", "inst0.transform: expected 1 to 20 bytes"),
             ("[inst0]\ntransform = \"ANameOfTwentyOneBytes\"\n", "inst0.transform"),
             (&format!("{a}[inst1]\ntransform = \"A\"\n"), "a different name for each body, found A"),
@@ -241,7 +242,7 @@ mod tests {
                 &format!("{a}[world_from_tracker]\nrotation_wxyz = [1.0, 1.0, 0.0, 0.0]\n"),
                 "world_from_tracker",
             ),
-            (&format!("{a}tool_from_tip = {{ position = [0, 0, 1] }}\n"), "unknown field `position`"),
+            (&format!("{a}tool_from_tip = {{ position = [0, 0, 1] }}\n"), "unknown key position"),
         ] {
             let told = Map::read(text).unwrap_err().to_string();
             assert!(told.contains(named), "{text}: {told}");

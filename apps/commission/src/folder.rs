@@ -5,6 +5,7 @@ use crate::page;
 use anyhow::{Context, Result, anyhow, ensure};
 use outputs::Outputs;
 use protocol::file::{MAX_TABLE_BYTES, other_format, other_format_in, read_text};
+use protocol::parse_error;
 use rig::Rig;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -110,7 +111,7 @@ impl State {
     pub fn parse(text: &str, file: &str) -> Result<Self> {
         let state: State = serde_json::from_str(text).map_err(|e| match other_format_in(text, FORMAT) {
             Some(found) => anyhow!("{file}: format: expected {FORMAT:?}, found {found}"),
-            None => anyhow!("{file}: {e}"),
+            None => anyhow!("{file}, {}", parse_error::json(&e)),
         })?;
         if let Some(found) = other_format(&state.format, FORMAT) {
             return Err(anyhow!("{file}: format: expected {FORMAT:?}, found {found}"));

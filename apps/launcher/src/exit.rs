@@ -15,7 +15,7 @@ fn is_wrong_use(cause: &(dyn Error + 'static)) -> Option<bool> {
     let own = cause.downcast_ref().map(|error| matches!(error, IpcError::InstanceName(_)));
     let known =
         own.or_else(|| surgeon::is_wrong_use(cause)).or_else(|| results::keeping::is_wrong_use(cause));
-    known.or(cause.is::<WrongUse>().then_some(true))
+    known.or((cause.is::<WrongUse>() || cause.is::<settings::Problem>()).then_some(true))
 }
 
 #[cfg(test)]

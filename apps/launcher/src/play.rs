@@ -87,7 +87,7 @@ pub struct PlayArgs {
 /// If there is neither a display nor a file of inputs; otherwise the errors of a run.
 pub fn run(args: &PlayArgs) -> anyhow::Result<ExitCode> {
     if args.keys {
-        print!("{}", table());
+        print!("{}", aligned());
         return Ok(ExitCode::SUCCESS);
     }
     if args.desk.inputs.is_none() && has_display() {
@@ -148,10 +148,10 @@ impl PlayArgs {
     }
 }
 
-/// The effects of keys, mouse and gamepad, as a Markdown table.
-pub fn table() -> String {
-    let line = |(keys, text): (String, &str)| format!("| {keys} | {text} |\n");
-    format!("| key | what it does |\n|---|---|\n{}", rows().map(line).collect::<String>())
+/// The effects of keys, mouse and gamepad, in two columns.
+fn aligned() -> String {
+    let width = rows().map(|(keys, _)| keys.chars().count()).max().unwrap_or(0);
+    rows().map(|(keys, text)| format!("{keys:<width$}  {text}\n")).collect()
 }
 
 #[cfg(test)]
@@ -194,6 +194,19 @@ mod tests {
     fn the_page_shows_the_table_of_this_build() {
         let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/play.md");
         let page = std::fs::read_to_string(page).unwrap();
-        assert!(page.contains(&table()), "renew it: vitreo play --keys");
+        let line = |(keys, text): (String, &str)| format!("| {keys} | {text} |\n");
+        let table = format!("| key | what it does |\n|---|---|\n{}", rows().map(line).collect::<String>());
+        assert!(page.contains(&table), "docs/play.md lacks this table:\n{table}");
+    }
+
+    #[test]
+    fn keys_are_listed_in_aligned_columns() {
+        let (list, rows): (_, Vec<(String, &str)>) = (aligned(), rows().collect());
+        assert_eq!(list.lines().count(), rows.len());
+        let column = |(line, (_, text)): (&str, &(String, &str))| {
+            line.chars().count() - line.strip_suffix(text).map_or(0, |_| text.chars().count())
+        };
+        let columns: std::collections::BTreeSet<usize> = list.lines().zip(&rows).map(column).collect();
+        assert_eq!(columns.len(), 1, "{list}");
     }
 }

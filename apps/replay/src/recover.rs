@@ -49,7 +49,8 @@ pub fn run(args: &RecoverArgs) -> anyhow::Result<ExitCode> {
     if found != expected {
         bail!("{}: reads back {found:?}, but {expected:?} was written", args.output.display());
     }
-    inform(&format!("{}: {} messages recovered and verified", args.output.display(), expected.items));
+    let messages = if expected.items == 1 { "message" } else { "messages" };
+    inform(&format!("{}: {} {messages} recovered and verified", args.output.display(), expected.items));
     if problems == 0 && recording.is_finished() {
         return Ok(ExitCode::SUCCESS);
     }
@@ -57,6 +58,16 @@ pub fn run(args: &RecoverArgs) -> anyhow::Result<ExitCode> {
         warn("the recording was not closed properly; at most its last 200 ms are missing");
     }
     Ok(ExitCode::from(LOSS))
+}
+
+/// A problem in words. That of a cut recording names this command as its remedy elsewhere.
+fn in_words(error: &RecordingError) -> String {
+    match error {
+        RecordingError::Truncated { file, offset } => {
+            format!("{file}: ends in the middle of a record at byte {offset}; everything before it is kept")
+        }
+        other => other.to_string(),
+    }
 }
 
 /// Copies what can be read; returns what was written, and the problems with their places.
@@ -87,9 +98,10 @@ fn copy(recording: &Recording, output: &NewRecording) -> anyhow::Result<(Tally, 
                 last = Some(log_time);
             }
             Err(error) => {
-                warn(&format!("{error}"));
+                let problem = in_words(&error);
+                warn(&problem);
                 problems += 1;
-                let text = format!("recovered: {error}");
+                let text = format!("recovered: {problem}");
                 match last {
                     Some(at) => put(at, &Item::Note(Note::loss(at, 0, text)))?,
                     None => early.push(text),

@@ -24,9 +24,15 @@ fn open(place: &StoreArgs, make: bool) -> anyhow::Result<Store> {
     Ok(store)
 }
 
-/// Adds a recording's attempt to the store; the outcome goes to standard error.
-fn keep(store: &mut Store, trainee: &str, file: &Path) -> anyhow::Result<()> {
-    let kept = keeping::keep(store, trainee, file)?;
+/// Adds a recording's attempt to the store; the outcome goes to standard error. The store is made when the first
+/// recording has proved to hold an attempt.
+fn keep(place: &StoreArgs, store: &mut Option<Store>, trainee: &str, file: &Path) -> anyhow::Result<()> {
+    let attempt = keeping::scored_attempt(file)?;
+    let store = match store {
+        Some(store) => store,
+        none => none.insert(open(place, true)?),
+    };
+    let kept = keeping::keep_attempt(store, trainee, file, attempt)?;
     kept.warnings.iter().for_each(|text| warn(text));
     if kept.is_new {
         inform(&kept.text)
@@ -58,10 +64,9 @@ pub fn run(args: &ResultsArgs) -> anyhow::Result<ExitCode> {
 
 fn add(place: &StoreArgs, trainee: &str, files: &[PathBuf]) -> anyhow::Result<ExitCode> {
     results::store::check_name(trainee)?;
-    let mut store = open(place, true)?;
-    let mut code = 0;
+    let (mut store, mut code) = (None, 0);
     for file in files {
-        if let Err(problem) = keep(&mut store, trainee, file) {
+        if let Err(problem) = keep(place, &mut store, trainee, file) {
             if files.len() == 1 {
                 return Err(problem);
             }

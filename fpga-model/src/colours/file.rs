@@ -6,6 +6,7 @@ use crate::scan::background::Level;
 use anyhow::{Result, anyhow, bail, ensure};
 use protocol::blobs::Colour;
 use protocol::file::{MAX_SETTINGS_BYTES, other_format, other_format_in, read_text};
+use protocol::parse_error;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -76,7 +77,7 @@ impl ColourFile {
     pub fn parse(text: &str, file: &str) -> Result<Self> {
         let parsed: ColourFile = toml::from_str(text).map_err(|e| match other_format_in(text, FORMAT) {
             Some(found) => anyhow!("{file}: format: expected {FORMAT:?}, found {found}"),
-            None => anyhow!("{file}: {e}"),
+            None => anyhow!("{file}, {}", parse_error::toml(text, &e)),
         })?;
         parsed.check().map_err(|problem| anyhow!("{file}: {problem}"))?;
         Ok(parsed)
@@ -183,13 +184,13 @@ mod tests {
     fn defects_are_named_with_file_and_key() {
         let cases = [
             ("vitreo-colours-1", "vitreo-colours-9", "format: expected \"vitreo-colours-1\""),
-            ("black =", "blak =", "unknown field `blak`"),
+            ("black =", "blak =", "unknown key blak"),
             ("black = 30", "black = 300", "300"),
             ("black = 30", "black = 190", "class red, reference: expected a luma above black = 190"),
             ("low = 16", "low = 0", "low: expected at least 1"),
             ("high = 24", "high = 4", "high, high_white: expected at least low = 16, found 4"),
             ("\"yellow\"", "\"red\"", "class: expected each colour once, found red twice"),
-            ("\"yellow\"", "\"pink\"", "unknown variant `pink`"),
+            ("\"yellow\"", "\"pink\"", "found pink"),
             ("[114, 100, 194]", "[114, 128, 128]", "class red, reference: expected chroma other than"),
             ("[114, 100, 194]", "[114, 100]", "invalid length 2"),
             ("tolerance_deg = 180", "tolerance_deg = nan", "class red, tolerance_deg"),

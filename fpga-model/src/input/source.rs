@@ -442,7 +442,7 @@ mod tests {
         refused(&fits[..2], "expected a line for picture 2 of");
         refused(&[&fits[..], &[line(1, 8)]].concat(), "line 4: expected picture 2 in");
         refused(&[line(2, 7)], "line 1: cam: expected 0 to 1");
-        refused(&["{}".into()], "line 1: column 2: missing field");
+        refused(&["{}".into()], "line 1: column 2: missing key");
     }
 
     #[test]

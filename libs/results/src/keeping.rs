@@ -98,6 +98,14 @@ pub struct Kept {
 /// # Errors
 /// Where the recording cannot be scored, or the store not be written.
 pub fn keep(store: &mut Store, trainee: &str, file: &Path) -> anyhow::Result<Kept> {
+    keep_attempt(store, trainee, file, scored_attempt(file)?)
+}
+
+/// Scores a recording.
+///
+/// # Errors
+/// If it cannot be read to its end, or its attempt was never started.
+pub fn scored_attempt(file: &Path) -> anyhow::Result<Attempt> {
     let scored = score_file(file)?;
     if let Some(damage) = &scored.damage {
         bail!("{damage}; an attempt that cannot be read to its end is not added");
@@ -107,8 +115,17 @@ pub fn keep(store: &mut Store, trainee: &str, file: &Path) -> anyhow::Result<Kep
     }
     let mut attempt = attempt_of(&Recording::open(file)?, &scored);
     let sha256 = sha256_of(file).with_context(|| file.display().to_string())?;
-    let warnings = check_holders(&store.holders(&sha256)?, trainee, &attempt, file)?;
     attempt.recording_sha256 = Some(sha256);
+    Ok(attempt)
+}
+
+/// Adds the attempt of a recording to the store.
+///
+/// # Errors
+/// If the store cannot be written, or another trainee has that attempt.
+pub fn keep_attempt(store: &mut Store, trainee: &str, file: &Path, attempt: Attempt) -> anyhow::Result<Kept> {
+    let sha256 = attempt.recording_sha256.as_deref().unwrap_or_default();
+    let warnings = check_holders(&store.holders(sha256)?, trainee, &attempt, file)?;
     let id = store.add(trainee, &attempt)?;
     let text = match id {
         Some(id) => {

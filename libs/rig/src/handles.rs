@@ -100,7 +100,7 @@ mod tests {
             ),
             (one("0", "0", "100", "0"), "handles[0].open_rad: expected 0.02 to 2 rad, found 0"),
             (one("0", "0", "100", "45.0"), "open_rad: expected 0.02 to 2 rad, found 45"),
-            (one("0", "0.5", "100", "0.9"), "invalid type"),
+            (one("0", "0.5", "100", "0.9"), "expected a whole number, found 0.5"),
             (good.replace("open_rad", "open_deg"), "open_deg"),
         ] {
             let told = with(&format!("[{handles}]")).unwrap_err();

@@ -14,6 +14,7 @@ use protocol::blobs::Colour;
 use protocol::fields::PixelFormat;
 use protocol::file::{MAX_SETTINGS_BYTES, looks_like, other_format, other_format_in, read_text};
 use protocol::limits::MAX_CAMERAS;
+use protocol::parse_error;
 use sensor::{Scan, Shutter};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -33,12 +34,12 @@ pub enum RigError {
         source: std::io::Error,
     },
     /// It is no rig file in JSON; the message has line and column.
-    #[error("rig file {path}: {source}")]
+    #[error("rig file {path}, {problem}")]
     Parse {
         /// The file.
         path: String,
         /// The parser's message, with line and column.
-        source: serde_json::Error,
+        problem: String,
     },
     /// It is a rig file but a value makes no sense.
     #[error("rig file {path}: {field}: expected {expected}, found {found}")]
@@ -71,7 +72,7 @@ fn refusal(text: &str, name: &str, source: serde_json::Error) -> RigError {
     }
     match other_format_in(text, FORMAT) {
         Some(found) => value("format", FORMAT, found),
-        None => RigError::Parse { path: name.into(), source },
+        None => RigError::Parse { path: name.into(), problem: parse_error::json(&source) },
     }
 }
 

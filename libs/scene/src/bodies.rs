@@ -1,6 +1,6 @@
 //! Rigid bodies of the abstract tasks: key `bodies`.
 
-use super::{Defect, Range, refuse};
+use super::{Defect, Range, refuse, shown};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -98,7 +98,7 @@ impl BodiesScene {
             };
             if !right {
                 let expected = "three equal ones for a sphere, two equal ones and a longer one for a capsule";
-                let found = format!("{:?} of a {:?}, body {i}", body.half_extents_mm, body.shape);
+                let found = format!("{:?} of a {}, body {i}", body.half_extents_mm, shown(&body.shape));
                 return refuse("bodies.body.half_extents_mm", expected, found);
             }
             let radius = if body.shape == BodyShape::Box { norm([x, y, z]) } else { z };

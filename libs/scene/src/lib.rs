@@ -31,6 +31,7 @@ pub use vitreous::{
 use protocol::file::{MAX_TABLE_BYTES, other_format, other_format_in, read_text};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
+use protocol::parse_error;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::path::Path;
@@ -73,12 +74,12 @@ pub enum SceneError {
         source: std::io::Error,
     },
     /// Not a scene in TOML; the message has the line.
-    #[error("scene file {name}: {source}")]
+    #[error("scene file {name}, {problem}")]
     Parse {
         /// The file.
         name: String,
         /// Why, with the line.
-        source: Box<toml::de::Error>,
+        problem: String,
     },
     /// A value makes no sense.
     #[error("scene file {name}: {field}: expected {expected}, found {found}")]
@@ -109,6 +110,11 @@ fn is_path(name: &str) -> bool {
 
 /// A key that is refused, what it should hold, and what it holds.
 type Defect = (String, String, String);
+
+/// A value as a scene file has it, for messages.
+fn shown(value: &impl Serialize) -> String {
+    toml::Value::try_from(value).map_or_else(|problem| problem.to_string(), |value| value.to_string())
+}
 
 /// Refuses a key.
 fn refuse(field: impl Into<String>, expected: impl Into<String>, found: impl ToString) -> Option<Defect> {
@@ -285,7 +291,7 @@ impl SceneFile {
                 expected: FORMAT.into(),
                 found,
             },
-            None => SceneError::Parse { name: name.into(), source: Box::new(source) },
+            None => SceneError::Parse { name: name.into(), problem: parse_error::toml(text, &source) },
         })
     }
 

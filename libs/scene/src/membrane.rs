@@ -1,6 +1,6 @@
 //! The epiretinal membrane of a scene: key `membrane`.
 
-use super::{AdhesionScene, CurlScene, Defect, ElementsScene, MeshScene, Range, is_default, refuse};
+use super::{AdhesionScene, CurlScene, Defect, ElementsScene, MeshScene, Range, is_default, refuse, shown};
 use serde::{Deserialize, Serialize};
 
 /// A sheet before the retina, its rim attached to the retina: squares, or any mesh.
@@ -149,13 +149,13 @@ impl MembraneScene {
             matches!(self.integrator, MembraneIntegrator::SemiImplicit | MembraneIntegrator::Explicit);
         if self.yield_strain > 0.0 && !springs {
             let expected = "0 unless the integrator is semi-implicit or explicit";
-            let found = format!("{} with {:?}", self.yield_strain, self.integrator);
+            let found = format!("{} with {}", self.yield_strain, shown(&self.integrator));
             return refuse("membrane.yield_strain", expected, found);
         }
         if self.elements.is_some() && springs {
             let expected =
                 "the integrator \"implicit\" or \"quasi-static\": explicit substeps carry springs only";
-            return refuse("membrane.elements", expected, format!("{:?}", self.integrator));
+            return refuse("membrane.elements", expected, shown(&self.integrator));
         }
         let elements = self.elements.as_ref().and_then(ElementsScene::defect);
         elements.or_else(|| self.adhesion.as_ref().and_then(AdhesionScene::defect))

@@ -3,6 +3,7 @@
 
 use crate::{Goal, GoalOrder, SceneError, SceneFile, ScriptScene, TaskScene, is_path};
 use protocol::file::{MAX_TABLE_BYTES, other_format, other_format_in, read_text};
+use protocol::parse_error;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -31,12 +32,12 @@ pub enum ModuleError {
         source: std::io::Error,
     },
     /// Not a module in TOML; the message has the line.
-    #[error("module file {name}: {source}")]
+    #[error("module file {name}, {problem}")]
     Parse {
         /// The file.
         name: String,
         /// Why, with the line.
-        source: Box<toml::de::Error>,
+        problem: String,
     },
     /// A value makes no sense.
     #[error("module file {name}: {field}: expected {expected}, found {found}")]
@@ -191,7 +192,8 @@ impl Module {
                 expected: FORMAT.into(),
                 found,
             };
-            let parse = || ModuleError::Parse { name: name.into(), source: Box::new(source) };
+            let parse =
+                || ModuleError::Parse { name: name.into(), problem: parse_error::toml(text, &source) };
             other_format_in(text, FORMAT).map_or_else(parse, of)
         })?;
         let refuse = |field: &str, expected: &str, found: String| {

@@ -4,7 +4,7 @@ mod reactions;
 
 pub use reactions::{GoalCheck, Retarget, Retry, SAME_INSTANT_S};
 
-use crate::{Defect, Range, refuse};
+use crate::{Defect, Range, refuse, shown};
 use protocol::handles::{PedalMode, Tool};
 use protocol::limits::INSTRUMENTS;
 use protocol::optics::PedalButton;
@@ -124,14 +124,14 @@ impl ScriptScene {
         for (i, key) in self.keys.iter().enumerate() {
             if !(0.0..self.period_s).contains(&key.at_s) || !key.is_sound() {
                 let expected = "instant inside the period, instrument 0 or 1, tip within 30 mm, jaw 0 to 3.2";
-                return refuse(format!("script.keys[{i}]"), expected, format!("{key:?}"));
+                return refuse(format!("script.keys[{i}]"), expected, shown(key));
             }
         }
         for (i, key) in self.pedal.iter().enumerate() {
             let inside = (0.0..self.period_s).contains(&key.at_s);
             if !inside || !key.axes.iter().all(|a| (-1.0..=1.0).contains(a)) {
                 let expected = "instant inside the period, axes −1 to 1";
-                return refuse(format!("script.pedal[{i}]"), expected, format!("{key:?}"));
+                return refuse(format!("script.pedal[{i}]"), expected, shown(key));
             }
         }
         if let Some(i) = (0..INSTRUMENTS).find(|&i| self.first_key(i).is_none()) {

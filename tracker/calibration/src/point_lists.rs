@@ -13,6 +13,7 @@ use crate::target_problem::Correspondence;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use nalgebra::{Point3, Vector2};
 use protocol::file::{MAX_TABLE_BYTES, StringRecord, read_bytes, rows};
+use protocol::parse_error;
 use serde::Deserialize;
 use std::path::Path;
 
@@ -147,8 +148,8 @@ fn columns<'a, const N: usize>(
 }
 
 fn json(text: &str, file: &str) -> Result<Vec<Row>> {
-    let entries: Vec<Entry> = serde_json::from_str(text)
-        .map_err(|e| anyhow!("point list {file}, line {}: column {}: {e}", e.line(), e.column()))?;
+    let entries: Vec<Entry> =
+        serde_json::from_str(text).map_err(|e| anyhow!("point list {file}, {}", parse_error::json(&e)))?;
     let row = |(i, e): (usize, Entry)| {
         let place = format!("{file}, entry {}", i + 1);
         let view = match e.view {

@@ -130,7 +130,7 @@ fn a_recording_serves_as_its_pictures_do() {
     for (args, named) in [
         (format!("intrinsics --board 9x6 {file}"), "has no camera 0; its cameras are [4, 7]"),
         (format!("intrinsics --board 9x6 --camera 4 {file} {file}"), "expected one recording"),
-        (format!("waved {file} -o {}", path("r.json")), "missing field"),
+        (format!("waved {file} -o {}", path("r.json")), "missing key"),
     ] {
         let (told, code) = refused(&words(&args));
         assert!(code == 1 && told.contains(named), "{args}: {told}");

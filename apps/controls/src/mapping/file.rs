@@ -5,6 +5,7 @@ use crate::inputs::{Input, Inputs, LONGEST_REPORT};
 use protocol::file::{MAX_SETTINGS_BYTES, other_format, other_format_in, read_text};
 use protocol::handles::PedalMode;
 use protocol::optics::PedalButton;
+use protocol::parse_error;
 use serde::{Deserialize, Serialize};
 use settings::commands::controls::PedalInterface;
 use std::fmt::Display;
@@ -152,9 +153,7 @@ impl Mapping {
         let file: FileMapping =
             toml::from_str(text).map_err(|problem| match other_format_in(text, FORMAT) {
                 Some(found) => value(defect("format", FORMAT, found)),
-                None => {
-                    MappingError::Parse { path: path.into(), problem: problem.to_string().trim_end().into() }
-                }
+                None => MappingError::Parse { path: path.into(), problem: parse_error::toml(text, &problem) },
             })?;
         file.mapping().map_err(value)
     }

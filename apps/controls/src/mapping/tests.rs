@@ -121,9 +121,9 @@ fn slips_are_named_with_file_key_and_what_was_expected() {
         ("curve = 2.0", "curve = 0.0", "axes[0].curve: expected 0.2 to 5"),
         ("curve = 2.0", "full = 0.0", "axes[0].full: expected −1 to 1, not 0"),
         ("\"lens\"", "\"glass\"", "buttons[0].button: expected one of magnify, reduce, lens"),
-        ("\"zoom\"", "\"fly\"", "unknown variant `fly`"),
-        ("dead_zone", "deadzone", "unknown field `deadzone`"),
-        ("mode = \"aspirate\"\n", "", "missing field `mode`"),
+        ("\"zoom\"", "\"fly\"", "found fly"),
+        ("dead_zone", "deadzone", "unknown key deadzone"),
+        ("mode = \"aspirate\"\n", "", "missing key mode"),
         (
             "interface = \"evdev\"",
             "interface = \"evdev\"\nreport_bytes = 2",

@@ -32,19 +32,14 @@ fn judged(file: &Path) -> anyhow::Result<()> {
     if read.status.success() {
         return Ok(());
     }
-    bail!("{}", outputs::printable(&in_short(&String::from_utf8_lossy(&read.stderr))))
+    bail!("{}", outputs::printable(&first_line(&String::from_utf8_lossy(&read.stderr))))
 }
 
-/// Shortens a program's error about a file to its first and last line, without the program's name and the
-/// quoted lines.
-fn in_short(told: &str) -> String {
-    let told = told.trim();
-    let told = told.strip_prefix(CAMERA).and_then(|rest| rest.strip_prefix(": ")).unwrap_or(told);
-    match (told.lines().next(), told.lines().next_back()) {
-        (Some(first), Some(last)) if first != last => format!("{first}: {last}"),
-        (Some(only), _) => only.into(),
-        _ => "the file is refused".into(),
-    }
+/// The first line of a program's error, without the program's name.
+fn first_line(error: &str) -> String {
+    let error = error.trim();
+    let error = error.strip_prefix(CAMERA).and_then(|rest| rest.strip_prefix(": ")).unwrap_or(error);
+    error.lines().next().unwrap_or("the file is refused").into()
 }
 
 #[cfg(test)]
@@ -53,11 +48,13 @@ mod tests {
     use settings::commands::processes::{ExtractionArgs, VirtualRigArgs};
 
     #[test]
-    fn what_the_reader_says_is_told_in_a_line() {
-        let toml = "vitreo-fpga-model: c.toml: TOML parse error at line 1, column 1\n  |\n1 | x\n  | ^\nmissing field `class`\n";
-        assert_eq!(in_short(toml), "c.toml: TOML parse error at line 1, column 1: missing field `class`");
-        assert_eq!(in_short("vitreo-fpga-model: c.toml: low: found 0\n"), "c.toml: low: found 0");
-        assert_eq!(in_short(""), "the file is refused");
+    fn the_error_of_the_reader_is_repeated_without_its_name() {
+        assert_eq!(first_line("vitreo-fpga-model: c.toml: low: found 0\n"), "c.toml: low: found 0");
+        assert_eq!(
+            first_line("c.toml, line 1: missing key class\nmore\n"),
+            "c.toml, line 1: missing key class"
+        );
+        assert_eq!(first_line(""), "the file is refused");
     }
 
     #[test]

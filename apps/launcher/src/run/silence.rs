@@ -19,7 +19,7 @@ const OF_PROCESS: [&str; 2] =
     ["its messages on standard error give the reason", "end the run and report this with its recording"];
 /// Cause and remedy for a live blob stream.
 const OF_STREAM: [&str; 2] = [
-    "its writer is missing or writes nothing valid: see virtual-rig's messages on standard error",
+    "its writer is missing or writes nothing valid: see the messages on standard error",
     "check the writer; the run continues and reads its lines again",
 ];
 /// Cause and remedy for an external driver.

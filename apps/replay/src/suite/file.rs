@@ -3,6 +3,7 @@
 use protocol::budget::Stage;
 use protocol::events::EventKind;
 use protocol::file::{MAX_SETTINGS_BYTES, read_text};
+use protocol::parse_error;
 use protocol::poses::BODY_NAMES;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -122,7 +123,8 @@ impl Suite {
     /// Where it is no TOML, has an unknown key, or a case makes no sense.
     pub fn parse(text: &str, file: &str) -> Result<Self, SuiteError> {
         let refused = |problem: String| SuiteError::File { file: file.into(), problem };
-        let suite: Suite = toml::from_str(text).map_err(|problem| refused(problem.to_string()))?;
+        let suite: Suite =
+            toml::from_str(text).map_err(|problem| refused(parse_error::toml(text, &problem)))?;
         if suite.case.is_empty() {
             return Err(refused("expected [[case]], found none".into()));
         }

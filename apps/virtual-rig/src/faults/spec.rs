@@ -11,6 +11,7 @@ use super::FaultEvent;
 use anyhow::{Result, anyhow, ensure};
 use protocol::file::{MAX_SETTINGS_BYTES, other_format, other_format_in, read_text};
 use protocol::limits::MAX_CAMERAS;
+use protocol::parse_error;
 use rig::Rig;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
@@ -263,7 +264,8 @@ impl FaultSpec {
     pub fn parse(text: &str, file: &str) -> Result<Self> {
         let refused = |found| anyhow!("fault file {file}: format: expected {FORMAT}, found {found}");
         let spec: FaultSpec = toml::from_str(text).map_err(|e| {
-            other_format_in(text, FORMAT).map_or_else(|| anyhow!("fault file {file}: {e}"), refused)
+            other_format_in(text, FORMAT)
+                .map_or_else(|| anyhow!("fault file {file}, {}", parse_error::toml(text, &e)), refused)
         })?;
         other_format(&spec.format, FORMAT).map_or(Ok(()), |found| Err(refused(found)))?;
         spec.check_numbers(file)?;

@@ -15,6 +15,7 @@ use protocol::blobs::{Blob, BlobField, Colour, DEFAULT_VARIANCE_PX2, WHOLE_FRAME
 use protocol::file::looks_like;
 use protocol::file::open;
 use protocol::limits::MAX_CAMERAS;
+use protocol::parse_error;
 use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -215,9 +216,7 @@ fn mismatch(text: &str, error: &serde_json::Error) -> String {
 
 /// The parser counts lines of its own text, which is always the first; only the column helps.
 fn in_columns(error: &serde_json::Error) -> String {
-    let text = error.to_string();
-    let message = text.rfind(" at line ").map_or(text.as_str(), |end| &text[..end]);
-    format!("column {}: {message}", error.column())
+    format!("column {}: {}", error.column(), parse_error::json_message(error))
 }
 
 /// A camera-field as one line, without the line's end; [`parse_line`] gives back the same field but
@@ -389,13 +388,13 @@ mod tests {
             ("\"cam\":1", "\"cam\":8", "cam: expected 0 to 7, found 8"),
             ("\"t_ns\":48051108", "\"t_ns\":-4", "invalid value"),
             ("\"t_ns\":48051108", "\"t_ns\":0", "t_ns"),
-            ("\"seq\"", "\"sequence\"", "unknown field `sequence`"),
-            ("\"red\"", "\"pink\"", "unknown variant `pink`"),
+            ("\"seq\"", "\"sequence\"", "unknown key sequence"),
+            ("\"red\"", "\"pink\"", "found pink"),
             ("\"x\":2.5", "\"x\":1e999", "number out of range"),
             ("\"x\":2.5", "\"x\":NaN", "column"),
             ("\"var_x\":0.01", "\"var_x\":-0.01", "blobs[1].var_x"),
             ("\"cov_xy\":-0.001", "\"cov_xy\":0.1", "blobs[1].cov_xy"),
-            ("\"area\":185.8,", "", "missing field `area`"),
+            ("\"area\":185.8,", "", "missing key area"),
             ("}]}", "}", "column"),
         ];
         for (from, to, named) in cases {
@@ -451,7 +450,7 @@ mod tests {
         assert_eq!(all.len(), 3);
         assert!(all[0].is_ok() && all[2].is_ok());
         let error = all[1].as_ref().unwrap_err().to_string();
-        assert!(error.contains("line 3") && error.contains("missing field"), "{error}");
+        assert!(error.contains("line 3") && error.contains("missing key"), "{error}");
         assert!(BlobReader::open(&directory.path().join("none")).is_err());
         std::fs::write(&path, [0xff, 0xfe, b'\n']).unwrap();
         assert_eq!(BlobReader::open(&path).unwrap().filter(Result::is_err).count(), 1);

@@ -2,7 +2,7 @@
 //! Without them a script is played blindly.
 
 use super::{ScriptKey, ScriptScene};
-use crate::{Defect, refuse};
+use crate::{Defect, refuse, shown};
 use protocol::limits::INSTRUMENTS;
 use serde::{Deserialize, Serialize};
 
@@ -74,7 +74,7 @@ impl ScriptScene {
         let wrong = self.retargets.iter().position(|r| !is_sound(r))?;
         let expected = "at_s before until_s inside the period, instrument 0 or 1, a body of the scene, \
                         coordinates within 30 mm";
-        refuse(format!("script.retargets[{wrong}]"), expected, format!("{:?}", self.retargets[wrong]))
+        refuse(format!("script.retargets[{wrong}]"), expected, shown(&self.retargets[wrong]))
     }
 
     /// First defect of the goal checks under a task with `goals` goals, as above.
@@ -83,7 +83,7 @@ impl ScriptScene {
             let field = || format!("script.goal_checks[{i}]");
             if !self.is_stretch(check.from_s, check.at_s) || check.goal as usize >= goals {
                 let expected = format!("from_s before at_s inside the period, one of {goals} goals");
-                return refuse(field(), expected, format!("{check:?}"));
+                return refuse(field(), expected, shown(check));
             }
             let rests = |instrument: u32| {
                 let at = |t: f64| {
@@ -101,7 +101,7 @@ impl ScriptScene {
             };
             if let Some(key) = check.retries.iter().flat_map(|r| &r.keys).find(|k| !within(k)) {
                 let expected = "keys after from_s and up to at_s, tip within 30 mm, jaw 0 to 3.2";
-                return refuse(format!("{}.retries", field()), expected, format!("{key:?}"));
+                return refuse(format!("{}.retries", field()), expected, shown(key));
             }
         }
         None

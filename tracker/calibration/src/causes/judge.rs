@@ -32,6 +32,8 @@ const SCATTER: f64 = 0.05;
 const FEWEST: u64 = 200;
 /// A later stretch may have so much larger a share of blobs that measure no pose.
 const LIKE: f64 = 0.1;
+/// A clock whose shift is larger by this after an instant has stepped there, ms.
+const STEP_MS: f64 = 0.3;
 /// Slices after the begin of a defect, at least: fewer are too little to judge.
 const LATER: usize = 3;
 /// Mean square that a rig which holds may leave, px²: markers that hide each other.
@@ -63,9 +65,45 @@ pub fn judge_within(
     if first.verdict != Verdict::NothingWrong {
         // A clock shows only while something moves: it may be wrong for longer than that.
         let earliest = begin.max(from.saturating_sub(STRETCH_NS));
-        return if from > begin { dated(rig, fields, first, [begin, earliest, from]) } else { first };
+        return match from > begin {
+            true => dated(rig, fields, first, [begin, earliest, from]),
+            false => past_a_step(rig, fields, first, begin, work, &go_on),
+        };
     }
     judge_later(rig, fields, ([begin, from], &first), work, &go_on).unwrap_or(first)
+}
+
+/// The judgement of the first stretch, or of what follows a step within it: a clock's shift that is estimated from both
+/// is too small, or explains neither.
+fn past_a_step(
+    rig: &Rig,
+    fields: &[BlobField],
+    first: Judgement,
+    begin: Nanos,
+    work: &Work,
+    go_on: &(impl Fn(usize, usize) -> bool + Sync),
+) -> Judgement {
+    let shift = |judgement: &Judgement| match cause_alone(judgement) {
+        Some(&Cause::ClockShifted { camera, by_ms }) => Some((camera, by_ms.abs())),
+        _ => None,
+    };
+    let before = shift(&first);
+    if before.is_none() && first.verdict != Verdict::Unknown {
+        return first;
+    }
+    let part = stretch(fields, begin);
+    let end = |fields: &[BlobField]| fields.iter().map(|f| f.exposed_ns).max().unwrap_or(begin);
+    let step =
+        cause_alone(&first).and_then(|cause| later::since(rig, fields, cause, &part, [begin, end(&part)]));
+    let past = (begin + STRETCH_NS).min(end(fields).saturating_sub(STRETCH_NS / 2));
+    let larger = |from: Nanos| {
+        let next = judge_from(rig, fields, [begin, from], work, go_on);
+        let (camera, by_ms) = shift(&next)?;
+        let is_larger = before.is_none_or(|(other, less_ms)| camera == other && by_ms > less_ms + STEP_MS);
+        is_larger.then(|| dated(rig, fields, next, [begin, begin, from]))
+    };
+    let tried = [Some(past), step].into_iter().flatten().filter(|from| *from > begin);
+    tried.into_iter().find_map(larger).unwrap_or(first)
 }
 
 /// What is wrong with the parts of fields of which the stretch at `from` is as it should be; `None` where nothing is.

@@ -58,7 +58,7 @@ fn overall(lines: &[PaperLine]) -> PaperLine {
 
 /// Writes the table as text.
 pub(super) fn write(lines: &[PaperLine], out: &mut String) -> std::fmt::Result {
-    writeln!(out, "\nTable 4 of the paper, ms        2002   today (median)   count")?;
+    writeln!(out, "\nWagner et al., Table 4, ms      2002   today (median)   count")?;
     for line in lines {
         let paper = line.paper_ms.map_or("–".into(), |ms| format!("{ms:.1}"));
         let today = line.today_ms.map_or("–".into(), |ms| format!("{ms:.3}"));

@@ -56,7 +56,7 @@ fn bad_lines_are_named_and_the_next_one_counts() {
     let good = line(0, 4, 48 * MS);
     let cases = [
         ("nonsense\n".to_owned(), "line 2: expected one camera-field in JSON"),
-        (good.replace("\"seq\":4,", ""), "line 3: column 116: missing field `seq`"),
+        (good.replace("\"seq\":4,", ""), "line 3: column 116: missing key seq"),
         (good.replace("\"cam\":0", "\"cam\":1"), "line 4: cam: expected a camera of the rig, found 1"),
         (good.replace("\"cam\":0", "\"cam\":9"), "line 5: cam: expected 0 to 7"),
         (good.replace("\"x\":1", "\"x\":NaN"), "line 6: column"),
