@@ -46,6 +46,7 @@ fn in_words(message: &str) -> String {
     let known = strip("unknown field ")
         .map(|rest| format!("unknown key {}", rest.replacen(", expected", "; expected", 1)))
         .or_else(|| strip("missing field ").map(|key| format!("missing key {key}")))
+        .or_else(|| (message == "trailing characters").then(|| "more than was expected".to_owned()))
         .or_else(|| strip("duplicate field ").map(|key| format!("the key {key} occurs twice")))
         .or_else(|| expected_found(strip("unknown variant ")?, &|found| found.to_owned()))
         .or_else(|| expected_found(strip("invalid type: ")?, &found_value))
@@ -138,6 +139,10 @@ mod tests {
             "line 2, column 8: unknown key units; expected one of title, size, count, kind"
         );
         assert_eq!(of("{\"title\": 5}"), "line 1, column 11: expected a text in quotes, found 5");
+        assert_eq!(
+            of("{\"title\": \"a\", \"size\": [1, 2, 3]}"),
+            "line 1, column 30: more than was expected"
+        );
         let error = serde_json::from_str::<File>("{").unwrap_err();
         assert_eq!(json_message(&error), "EOF while parsing an object");
     }

@@ -84,13 +84,20 @@ fn replay(args: &ReplayArgs, recording: &Recording) -> anyhow::Result<ExitCode> 
     };
     let judged = if stopped { None } else { likely_cause::at_end(recording, || stop.is_raised()) };
     let Replay { mut products, verdict, .. } = replay;
-    products.judged(judged.as_ref().and_then(OfLast::warning));
+    products.judged(judged.as_ref().and_then(OfLast::judged));
     products.figures.unclosed = !recording.is_finished();
     products.figures.verify = verdict;
     let figures = products.finish()?;
     print(&figures);
     pictures.iter().for_each(|pictures| print_pictures(args, *pictures));
     if stopped && args.is_unpaced() {
+        bail!(Stopped);
+    }
+    if !stopped && stop.is_raised() && judged.is_none() {
+        let file = args.file.display();
+        warn(&format!(
+            "the search for the cause of the residuals was stopped; to continue: vitreo residuals {file} --causes"
+        ));
         bail!(Stopped);
     }
     judged.and_then(|judged| judged.paragraph()).into_iter().for_each(|cause| println!("{cause}"));

@@ -3,15 +3,25 @@
 
 use crate::residuals::rig_of;
 use calibration::causes::{Judgement, Verdict, Work, judge_within};
-use diagnosis::{Finding, Warning};
+use diagnosis::{Finding, Judged, Warning};
+use outputs::progress::files_bar;
 use protocol::blobs::BlobField;
+use protocol::limits::MAX_CAMERAS;
 use protocol::message::Message;
 use protocol::time::Nanos;
 use recording::{Item, Recording, RecordingError};
 use rig::Rig;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::thread;
+use std::time::Duration;
 
 /// The part that is judged, s.
 pub const LAST_S: f64 = 60.0;
+/// How often a search looks whether it is to be stopped, and the stack of its thread, as large as the main one.
+const STOP_CHECK: Duration = Duration::from_millis(50);
+const STACK_BYTES: usize = 8 << 20;
 /// Most camera-fields of it, of recordings whose stamps are odd.
 const FIELDS: usize = 60_000;
 
@@ -30,8 +40,14 @@ impl OfLast {
         self.judgement.paragraph(self.starts_s)
     }
 
-    /// For a report; `None` where nothing is to be said, or the search was stopped.
-    pub fn warning(&self) -> Option<Warning> {
+    /// For a report; `None` if nothing is to be said, or the search was stopped.
+    pub fn judged(&self) -> Option<Judged> {
+        let concerned = |id: &u32| self.judgement.explanations.iter().any(|e| e.cause.concerns_camera(*id));
+        let cameras = (0..MAX_CAMERAS as u32).filter(concerned).collect();
+        self.warning().map(|warning| Judged { warning, cameras })
+    }
+
+    fn warning(&self) -> Option<Warning> {
         let judgement = &self.judgement;
         let (cause, remedy) = match judgement.verdict {
             Verdict::Explained => (judgement.named(), judgement.remedies()),
@@ -65,19 +81,46 @@ pub fn of_last(
     last_s: f64,
     go_on: impl Fn(usize, usize) -> bool + Sync,
 ) -> Result<OfLast, RecordingError> {
-    let fields = last_fields(recording, last_s)?;
-    let first = recording.exposures().next().unwrap_or(0);
-    let starts = fields.iter().map(|field| field.exposed_ns).min().unwrap_or(first);
-    let starts_s = starts.saturating_sub(first) as f64 * 1e-9;
+    let (fields, starts_s) = last_part(recording, last_s)?;
     Ok(OfLast { judgement: judge_within(rig, &fields, &Work::AT_END, go_on), starts_s })
 }
 
 /// The judgement at the end of a replay of the recording it was of; `None` if there are no cameras, or the
-/// command was stopped.
-pub fn at_end(recording: &Recording, stopped: impl Fn() -> bool + Sync) -> Option<OfLast> {
+/// command was stopped, which ends it at once.
+pub fn at_end(recording: &Recording, stopped: impl Fn() -> bool) -> Option<OfLast> {
     let rig = rig_of(recording).ok()?;
-    let found = of_last(recording, &rig, LAST_S, |_, _| !stopped());
-    found.ok().filter(|_| !stopped())
+    let (fields, starts_s) = last_part(recording, LAST_S).ok()?;
+    let (found, outcome) = mpsc::channel();
+    let go_on = Arc::new(AtomicBool::new(true));
+    let goes_on = Arc::clone(&go_on);
+    let search = move || {
+        let judgement = judge_within(&rig, &fields, &Work::AT_END, |_, _| goes_on.load(Ordering::Relaxed));
+        // Nobody waits for it after a stop.
+        let _ = found.send(judgement);
+    };
+    // An estimation may take seconds and cannot be stopped: it ends with the program.
+    thread::Builder::new().stack_size(STACK_BYTES).spawn(search).ok()?;
+    let bar = files_bar(0, "causes");
+    let judgement = loop {
+        if stopped() {
+            go_on.store(false, Ordering::Relaxed);
+            break None;
+        }
+        match outcome.recv_timeout(STOP_CHECK) {
+            Err(RecvTimeoutError::Timeout) => bar.tick(),
+            ended => break ended.ok(),
+        }
+    };
+    bar.finish_and_clear();
+    judgement.map(|judgement| OfLast { judgement, starts_s })
+}
+
+/// The camera-fields of the last seconds, and their begin, s after the first exposure.
+fn last_part(recording: &Recording, last_s: f64) -> Result<(Vec<BlobField>, f64), RecordingError> {
+    let fields = last_fields(recording, last_s)?;
+    let first = recording.exposures().next().unwrap_or(0);
+    let starts = fields.iter().map(|field| field.exposed_ns).min().unwrap_or(first);
+    Ok((fields, starts.saturating_sub(first) as f64 * 1e-9))
 }
 
 /// The camera-fields of the last seconds, in the order of arrival.

@@ -4,7 +4,7 @@ use crate::film::claim;
 use crate::verify::Verdict;
 use anyhow::Context;
 use blob_stream::poses_csv::{DisplayClock, PosesCsv};
-use diagnosis::{Due, Tracking, TrackingFigures, Warning, Watch, with_judged};
+use diagnosis::{Due, Judged, Tracking, TrackingFigures, Warning, Watch, with_judged};
 use outputs::{OutputFile, Outputs};
 use protocol::blobs::BlobField;
 use protocol::matches::MatchFrame;
@@ -86,7 +86,7 @@ pub struct Products {
     outputs: Outputs,
     tracking: Tracking,
     watch: Watch,
-    judged: Option<Warning>,
+    judged: Option<Judged>,
     processing_ns: u64,
     /// From one field of the cameras to the next, ns.
     period_ns: u64,
@@ -185,8 +185,8 @@ impl Products {
     }
 
     /// What the judgement of the rig says.
-    pub fn judged(&mut self, warning: Option<Warning>) {
-        self.judged = warning;
+    pub fn judged(&mut self, judged: Option<Judged>) {
+        self.judged = judged;
     }
 
     /// The simulation made a step.

@@ -108,12 +108,14 @@ fn of_last(args: &ResidualsArgs, recording: &Recording, rig: &Rig, last_s: f64) 
     let found = shown(args.within, |go_on| likely_cause::of_last(recording, rig, last_s, go_on))?;
     let OfLast { judgement, starts_s } = &found;
     if args.json {
+        let judged = found.judged();
         let figures = serde_json::json!({
             "file": args.file.display().to_string(),
             "starts_s": starts_s,
             "causes": judgement,
             "likely_cause": found.paragraph(),
-            "warning": found.warning(),
+            "warning": judged.as_ref().map(|judged| &judged.warning),
+            "cameras": judged.as_ref().map(|judged| &judged.cameras),
         });
         println!("{}", serde_json::to_string_pretty(&figures)?);
     } else {

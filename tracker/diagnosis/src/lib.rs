@@ -13,4 +13,4 @@ pub use due::{Due, is_loss};
 pub use residual_table::{ResidualRow, ResidualTable};
 pub use summary::{BodySummary, Summary};
 pub use tracking::{BodyFigures, CameraFigures, Finding, Tracking, TrackingFigures, untracked};
-pub use watch::{Warning, Watch, warned, with_judged};
+pub use watch::{Judged, Warning, Watch, warned, with_judged};

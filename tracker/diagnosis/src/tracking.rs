@@ -287,7 +287,7 @@ impl Tracking {
                 let what = format!(
                     "camera {id} is used with a pose estimated from the others, not that of the rig file"
                 );
-                let subject = format!("place of camera {id}");
+                let subject = format!("{PLACE_OF}camera {id}");
                 found.push(Finding { subject, ..finding(id, what, MOVED, RECALIBRATE) });
             } else if let Some(d) = self.dissenter.filter(|d| d.camera == id) {
                 let px = d.off_px;
@@ -315,7 +315,7 @@ impl Tracking {
         let residual_px =
             if self.period.is_rig_off() { own.residuals.median_px() } else { self.long.residual_px[body] };
         let what = if never {
-            format!("{name} was never tracked")
+            format!("{name} {NEVER}")
         } else if share < POOR_SHARE && self.total.frames >= NEVER_FRAMES {
             format!("{name} was tracked in {:.0} % of the last second", 100.0 * share)
         } else if residual_px > RESIDUAL_PX {
@@ -349,6 +349,12 @@ pub(crate) const RECALIBRATE: &str =
     "record while both instruments are waved, then: vitreo calibrate waved RECORDING.mcap -o new-rig.json";
 pub(crate) const FASTEN: &str =
     "fasten it; its pose is estimated from the others within seconds; then calibrate again";
+/// What is said of cameras of which none is known to be the one that was moved.
+pub(crate) const DISAGREE: &str = "the cameras disagree about where the markers are";
+/// Ends what is said of a body of which there is no pose at all.
+pub(crate) const NEVER: &str = "was never tracked";
+/// Begins the subject of a camera that is used with an estimated pose.
+pub(crate) const PLACE_OF: &str = "place of ";
 /// With these begin the subjects of what a camera's driver may know better: nothing comes, nothing is seen.
 const FIELDS_OF: &str = "fields of ";
 const PICTURE_OF: &str = "picture of ";
@@ -358,7 +364,8 @@ const DARK: &str = "its lens is covered, its picture too dark, or the colours ar
 const CHECK_LENS: &str = "check its picture: vitreo blobs PICTURE --overlay o.png shows what is found in it";
 const HIDDEN: &str =
     "its markers are hidden or out of view, or their colours or places are not those of the rig file";
-const CHECK_MARKERS: &str = "hold it in view of two or more cameras; compare its markers with --rig RIG.json";
+pub(crate) const CHECK_MARKERS: &str =
+    "hold it in view of two or more cameras; compare its markers with --rig RIG.json";
 const OTHER_RIG: &str = "the cameras or its markers are not as in the rig file";
 
 impl Counts {

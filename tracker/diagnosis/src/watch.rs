@@ -1,7 +1,7 @@
 //! Findings that last, from when to when.
 
 use crate::Finding;
-use crate::tracking::{FASTEN, RECALIBRATE};
+use crate::tracking::{CHECK_MARKERS, DISAGREE, FASTEN, NEVER, PLACE_OF, RECALIBRATE};
 use serde::Serialize;
 
 /// Periods in a row for which something must be wrong before it is reported.
@@ -97,17 +97,59 @@ impl Watch {
     }
 }
 
-/// Warnings with what the judgement of the rig says. Where it names a cause, that is also the cause of what does not fit
-/// the rig: a camera that disagrees with the others may be the one that stands where it did.
-pub fn with_judged(mut warnings: Vec<Warning>, judged: Option<Warning>) -> Vec<Warning> {
-    let Some(judged) = judged else { return warnings };
-    let is_of_rig = |finding: &&mut Finding| [RECALIBRATE, FASTEN].contains(&&*finding.remedy);
-    for own in warnings.iter_mut().map(|w| &mut w.finding).filter(is_of_rig) {
-        own.cause.clone_from(&judged.finding.cause);
+/// What the judgement of a rig says at the end of a run or replay.
+#[derive(Debug, Clone)]
+pub struct Judged {
+    /// As a warning.
+    pub warning: Warning,
+    /// The cameras that its causes concern; none if nothing explains what does not fit.
+    pub cameras: Vec<u32>,
+}
+
+/// Warnings with what the judgement of the rig says. If it names a cause, that is also the cause of what does not fit
+/// the rig. A camera that disagrees with the others, and that the cause does not concern, stands where it did: then the
+/// cameras disagree, and none is named.
+pub fn with_judged(mut warnings: Vec<Warning>, judged: Option<Judged>) -> Vec<Warning> {
+    let Some(Judged { warning: judged, cameras }) = judged else { return warnings };
+    let is_of_rig = |finding: &Finding| [RECALIBRATE, FASTEN].contains(&&*finding.remedy);
+    let concerned: Vec<String> = cameras.iter().map(|id| format!("camera {id}")).collect();
+    let is_blamed = |finding: &Finding| {
+        let camera = finding.subject.strip_prefix(PLACE_OF).unwrap_or(&finding.subject);
+        camera.starts_with("camera ") && !concerned.iter().any(|own| own == camera)
+    };
+    for own in warnings.iter_mut().map(|w| &mut w.finding) {
+        if is_of_rig(own) && is_blamed(own) {
+            (own.what, own.subject) = (DISAGREE.into(), "cameras".into());
+        }
+        let cause = &judged.finding.cause;
+        if is_of_rig(own) || own.what.ends_with(NEVER) {
+            own.cause.clone_from(cause);
+        } else if own.remedy == CHECK_MARKERS && !cameras.is_empty() {
+            own.cause = format!("{cause}, or its markers are hidden or out of view");
+        } else {
+            continue;
+        }
         own.remedy.clone_from(&judged.finding.remedy);
     }
+    let mut warnings = joined(warnings);
     warnings.push(judged);
     warnings
+}
+
+/// Warnings of which those that the cameras disagree are one, from the first to the last.
+fn joined(warnings: Vec<Warning>) -> Vec<Warning> {
+    let mut all: Vec<Warning> = Vec::with_capacity(warnings.len());
+    for warning in warnings {
+        let same = |w: &&mut Warning| w.finding.what == DISAGREE && warning.finding.what == DISAGREE;
+        match all.iter_mut().find(same) {
+            Some(first) => {
+                first.from_s = first.from_s.min(warning.from_s);
+                first.to_s = first.to_s.zip(warning.to_s).map(|(a, b)| a.max(b));
+            }
+            None => all.push(warning),
+        }
+    }
+    all
 }
 
 /// Says how many warnings there were, and the first of them; `None` without any.
@@ -130,14 +172,40 @@ mod tests {
     #[test]
     fn a_judgement_gives_its_cause_to_what_does_not_fit_the_rig_alone() {
         let warning = |finding| Warning { from_s: 1.0, to_s: None, finding };
-        let of_rig = Finding { remedy: RECALIBRATE.into(), ..finding("camera 2") };
-        let all = vec![warning(of_rig), warning(finding("picture"))];
+        let of_rig = |subject| Finding { remedy: RECALIBRATE.into(), ..finding(subject) };
+        let all = vec![warning(of_rig("camera 2")), warning(finding("picture"))];
         assert_eq!(with_judged(all.clone(), None).len(), 2);
         let judged = Finding { cause: "a clock".into(), remedy: "set it".into(), ..finding("rig") };
-        let found = with_judged(all, Some(warning(judged)));
+        let judged = Judged { warning: warning(judged), cameras: vec![2] };
+        let found = with_judged(all, Some(judged));
         let causes: Vec<&str> = found.iter().map(|w| &*w.finding.cause).collect();
         assert_eq!(causes, ["a clock", "b", "a clock"]);
-        assert_eq!(found[0].finding.remedy, "set it");
+        assert_eq!((&*found[0].finding.remedy, &*found[0].finding.subject), ("set it", "camera 2"));
+    }
+
+    #[test]
+    fn a_camera_that_no_cause_concerns_is_not_named() {
+        let warning = |subject, from_s, to_s| {
+            let finding = Finding { remedy: FASTEN.into(), ..finding(subject) };
+            Warning { from_s, to_s, finding }
+        };
+        let all = vec![
+            warning("camera 1", 2.0, Some(3.0)),
+            warning("camera 0", 1.0, Some(4.0)),
+            warning("place of camera 1", 5.0, None),
+        ];
+        let with = |cameras: &[u32]| {
+            let judged = Judged { warning: warning("rig", 1.0, None), cameras: cameras.to_vec() };
+            with_judged(all.clone(), Some(judged))
+        };
+        let found = with(&[0, 2]);
+        let named = |w: &Warning| (w.finding.subject.clone(), w.from_s, w.to_s);
+        let named: Vec<_> = found.iter().map(named).collect();
+        let of = |subject: &str, from_s, to_s| (subject.to_owned(), from_s, to_s);
+        assert_eq!(named, [of("cameras", 2.0, None), of("camera 0", 1.0, Some(4.0)), of("rig", 1.0, None)]);
+        assert_eq!(found[0].finding.what, DISAGREE);
+        assert_eq!(with(&[]).len(), 2, "none is known to be at fault");
+        assert_eq!(with(&[0, 1]).len(), 4, "each is named");
     }
 
     #[test]

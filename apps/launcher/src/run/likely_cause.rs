@@ -6,7 +6,7 @@ use super::report::Report;
 use crate::programs::REPLAY;
 use crate::runtime::StopSignal;
 use anyhow::{Context, bail};
-use diagnosis::{Finding, Warning, with_judged};
+use diagnosis::{Finding, Judged, Warning, with_judged};
 use ipc::logging::{arguments, warn};
 use ipc::programs::command;
 use outputs::println;
@@ -33,7 +33,7 @@ const TRACKED_SHARE: f64 = 0.9;
 /// Result of the search.
 enum Found {
     /// Text and warning; both `None` if the rig is consistent.
-    Said(Option<String>, Option<Warning>),
+    Said(Option<String>, Option<Judged>),
     /// The search ran out of time or was interrupted.
     TimedOut,
 }
@@ -108,11 +108,12 @@ async fn search(file: &Path, stop: &StopSignal) -> anyhow::Result<Found> {
     if figures["causes"]["verdict"] == "stopped" {
         return Ok(Found::TimedOut);
     }
-    Ok(Found::Said(figures["likely_cause"].as_str().map(str::to_owned), warning_of(&figures["warning"])))
+    Ok(Found::Said(figures["likely_cause"].as_str().map(str::to_owned), judged_of(&figures)))
 }
 
-/// Parses a warning as `vitreo-replay` writes it.
-fn warning_of(value: &Value) -> Option<Warning> {
+/// Parses a judgement as `vitreo-replay` writes it.
+fn judged_of(figures: &Value) -> Option<Judged> {
+    let value = &figures["warning"];
     let text = |key: &str| value[key].as_str().map(str::to_owned);
     let finding = Finding {
         what: text("what")?,
@@ -120,5 +121,8 @@ fn warning_of(value: &Value) -> Option<Warning> {
         remedy: text("remedy")?,
         subject: "rig".into(),
     };
-    Some(Warning { from_s: value["from_s"].as_f64()?, to_s: None, finding })
+    let warning = Warning { from_s: value["from_s"].as_f64()?, to_s: None, finding };
+    let ids = figures["cameras"].as_array().into_iter().flatten();
+    let cameras = ids.filter_map(|id| u32::try_from(id.as_u64()?).ok()).collect();
+    Some(Judged { warning, cameras })
 }

@@ -205,6 +205,20 @@ impl Cause {
         }
     }
 
+    /// True if it says something of a camera's place, lens, clock, pictures or colours, or that any may be elsewhere.
+    pub fn concerns_camera(&self, id: u32) -> bool {
+        match self {
+            Cause::CamerasSwapped { cameras } => cameras.contains(&id),
+            Cause::ColoursSwapped { cameras, .. } => cameras.contains(&id),
+            Cause::ParitySwapped { camera }
+            | Cause::Progressive { camera }
+            | Cause::PictureSize { camera, .. }
+            | Cause::Scale { camera, .. } => camera.is_none_or(|own| own == id),
+            Cause::ClockShifted { camera, .. } => *camera == id,
+            other => other.moves_camera(id),
+        }
+    }
+
     /// Numbers that were estimated from the blobs.
     pub fn parameters(&self) -> usize {
         match self {

@@ -199,7 +199,12 @@ fn judge_from(
         return judgement;
     }
     // Small errors: everything at once, without tracking again for each.
-    let together = together::estimate(rig, &stretch).ok();
+    let together = together::estimate(rig, &stretch).ok().or_else(|| {
+        // A tracker that tries one camera after the other follows too little of the first second; what is found later
+        // says as much, if it mends this stretch too.
+        let later = together::estimate(rig, &self::stretch(fields, from + STRETCH_NS)).ok();
+        later.filter(|found| found.mends(rig, &stretch))
+    });
     if let Some(found) = together.as_ref().filter(|found| found.mends(rig, &stretch)) {
         take(found, &mut judgement);
         if found.leaves_more() {

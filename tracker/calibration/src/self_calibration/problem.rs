@@ -16,7 +16,7 @@ use rig::camera::Camera;
 /// only their differences are in the pictures.
 const COMMON_S: f64 = 1e-5;
 /// Most steps of a solution that need not be as near as can be: one with two cameras that were moved took more than 400.
-const STEPS: usize = 2000;
+const STEPS: usize = 1000;
 
 /// The mean of all clocks over its standard deviation, by shared unknowns; nothing where no clock is free.
 pub(crate) fn common_clock(values: &[Value]) -> DVector<f64> {
