@@ -11,7 +11,7 @@ use rig::camera::Camera;
 /// depth is not observable. Rotations that are all transposed bring all cameras to one place.
 const LEAST_ANGLE_DEGREES: f64 = 10.0;
 /// Farthest that a camera stands, mm: there a marker is smaller than a pixel even with a long lens.
-const FARTHEST_CAMERA_MM: f64 = 10_000.0;
+pub const FARTHEST_CAMERA_MM: f64 = 10_000.0;
 /// A body whose markers all lie nearer to its origin is in metres, mm.
 const IN_METRES_MM: f64 = 0.5;
 /// Least lever of the roll, mm: at 0.05 px of noise and 19 px/mm the roll has a standard deviation

@@ -21,6 +21,9 @@ const PIXELS_PER_NS: u64 = 10;
 const SIZES_PX: [[u32; 2]; 2] = [[16, 1920], [16, 1200]];
 /// Focal lengths in widths of the picture: from a view of 136 degrees to one of half a degree.
 const FOCAL_WIDTHS: [f64; 2] = [0.2, 100.0];
+/// How far beyond the picture its principal point may lie, in widths and heights of it: lenses that were shifted or tilted, and
+/// those of long focal lengths, whose principal point is hardly determined.
+const SHIFTED: f64 = 1.0;
 /// Where a lens may move a point of the picture to, in widths of the picture.
 const BENT_WIDTHS: f64 = 0.5;
 /// Steps from the middle of the picture to its border, in each of which a lens must not fold it.
@@ -170,19 +173,25 @@ impl RigCamera {
         }
         let centre = [self.cx, self.cy];
         let size = [self.width, self.height].map(f64::from);
-        let inside = (0..2).all(|a| (0.0..size[a]).contains(&centre[a]));
-        if !inside {
-            return Some(("cx, cy", "px, within the picture", format!("{centre:?}")));
+        let near = (0..2).all(|a| (-SHIFTED * size[a]..(1.0 + SHIFTED) * size[a]).contains(&centre[a]));
+        if !near {
+            let expected = "px, within the picture or beyond it by at most its width or height";
+            return Some(("cx, cy", expected, format!("{centre:?}")));
         }
+        self.defect_of_distortion().map(|(expected, found)| ("dist", expected, found))
+    }
+
+    /// What would be right and what is there, if the distortion moves points too far or folds the picture.
+    pub fn defect_of_distortion(&self) -> Option<(&'static str, String)> {
         let bent_px = self.bent_px();
-        if bent_px > BENT_WIDTHS * width {
+        if bent_px > BENT_WIDTHS * f64::from(self.width) {
             let expected = "k1, k2, p1, p2, k3 that move no point of the picture by more than half its width";
-            return Some(("dist", expected, format!("{:?}, which move one by {bent_px:.0} px", self.dist)));
+            return Some((expected, format!("{:?}, which move one by {bent_px:.0} px", self.dist)));
         }
         let [x, y] = self.fold()?;
         let expected = "k1, k2, p1, p2, k3 of a lens that does not fold the picture";
         let found = format!("{:?}, which show two directions at one pixel near ({x:.0}, {y:.0})", self.dist);
-        Some(("dist", expected, found))
+        Some((expected, found))
     }
 
     /// Corners and middles of the sides of the picture, px.
@@ -197,12 +206,16 @@ impl RigCamera {
         let (camera, size) = (self.model(), [self.width, self.height].map(f64::from));
         let first = |pixel: Vector2<f64>| {
             let border = (pixel - camera.centre_px).component_div(&camera.focal_px);
+            let mut was_inside = false;
             for step in 1..=STEPS {
                 let (bent, slope) = camera.distort(border * (BARREL * f64::from(step) / f64::from(STEPS)));
                 let at = camera.focal_px.component_mul(&bent) + camera.centre_px;
-                if !(0..2).all(|a| (0.0..=size[a]).contains(&at[a])) {
+                // A principal point beyond the picture is outside of it at first.
+                let inside = (0..2).all(|a| (0.0..=size[a]).contains(&at[a]));
+                if was_inside && !inside {
                     return None;
                 }
+                was_inside |= inside;
                 if slope.determinant() <= 0.0 {
                     let is_inside = (at - camera.centre_px).norm() < FLAT * (pixel - camera.centre_px).norm();
                     return is_inside.then_some([at.x, at.y]);
@@ -314,12 +327,8 @@ mod tests {
     #[test]
     fn words_that_are_unknown_are_refused_with_those_that_are_known() {
         for (from, to, named) in [
-            (
-                "\"line_ns\": 64000",
-                "\"line_ns\": 64000, \"scan\": \"zigzag\"",
-                "`interlaced` or `progressive`",
-            ),
-            ("\"line_ns\": 64000", "\"line_ns\": 64000, \"shutter\": \"none\"", "`global` or `rolling`"),
+            ("\"line_ns\": 64000", "\"line_ns\": 64000, \"scan\": \"zigzag\"", "interlaced or progressive"),
+            ("\"line_ns\": 64000", "\"line_ns\": 64000, \"shutter\": \"none\"", "global or rolling"),
             ("\"line_ns\": 64000", "\"line_ns\": 64000, \"pixel_format\": \"Bayer8\"", "BayerGB8"),
             (
                 "\"fy\": 1748.148148148148",
@@ -344,10 +353,29 @@ mod tests {
     }
 
     #[test]
+    fn principal_points_beyond_the_picture_are_right() {
+        let mut rig = Rig::parse(SHIPPED, "shipped").unwrap();
+        for (cx, cy) in [(-316.0, 613.0), (1423.4, 760.3), (-700.0, -500.0)] {
+            (rig.cameras[1].fx, rig.cameras[1].fy, rig.cameras[1].dist) =
+                (6600.0, 6600.0, [-0.25, 0.1, 0.0, 0.0, 0.0]);
+            (rig.cameras[1].cx, rig.cameras[1].cy) = (cx, cy);
+            Rig::parse(&rig.to_json(), "shifted").unwrap();
+        }
+        // A lens that folds the picture is one from beyond it, too.
+        let folded = refused(|r| {
+            (r.cameras[1].cx, r.cameras[1].dist) = (-400.0, [-2.0, 0.0, 0.0, 0.0, 0.0]);
+        });
+        assert!(folded.starts_with("cameras[1].dist"), "{folded}");
+    }
+
+    #[test]
     fn lenses_that_cannot_be_are_refused() {
         assert!(refused(|r| r.cameras[1].fx = 8.0).starts_with("cameras[1].fx"));
         assert!(refused(|r| r.cameras[1].fy = 9e3).starts_with("cameras[1].fy"));
-        assert!(refused(|r| r.cameras[0].cx = -3.0).starts_with("cameras[0].cx"));
+        for (cx, cy) in [(-721.0, 280.0), (1441.0, 280.0), (360.0, -577.0), (360.0, 1153.0)] {
+            let far = refused(|r| (r.cameras[0].cx, r.cameras[0].cy) = (cx, cy));
+            assert!(far.starts_with("cameras[0].cx"), "{far}");
+        }
         assert!(refused(|r| r.cameras[2].fx = -1600.0).starts_with("cameras[2].fx"));
         for (term, value) in [(0, 50.0), (1, -200.0), (2, 5.0), (3, -5.0), (4, 1e300)] {
             let bent = refused(|r| r.cameras[1].dist[term] = value);

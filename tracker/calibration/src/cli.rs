@@ -2,6 +2,7 @@
 
 mod board;
 mod checks;
+mod dots_checks;
 mod fields;
 mod fixed;
 mod recorded;

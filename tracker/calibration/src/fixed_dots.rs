@@ -1,12 +1,13 @@
 //! Cameras that see dots of known places: each alone, since nothing but the dots binds them.
 
-use crate::lens::LENS;
+use crate::lens::{LENS, LENS_NAMES, lens_of};
 use crate::multi_camera::{ImagePoint, Progress, noise_of, triangulate};
+use crate::rig_output::rig_camera;
 use crate::target_problem::{
-    Calibrated, Correspondence, FreeParameters, Robustness, Scene, TargetProblem, TargetView, calibrate,
-    residuals, rms, robust_sigma, set_camera_pose, with_weak_terms_held,
+    Calibrated, Correspondence, DISPENSABLE, FreeParameters, Robustness, Scene, TargetProblem, TargetView,
+    calibrate, residuals, rms, set_camera_pose, with_weak_terms_held,
 };
-use crate::{CalibrationError, degenerate, linear, starts};
+use crate::{CalibrationError, degenerate, disagreement, linear, starts};
 use nalgebra::{DVector, Isometry3, Point3, Vector2};
 use rig::camera::Camera;
 
@@ -29,14 +30,16 @@ impl CameraPrior {
     }
 }
 
-/// Spread of the residuals, as a share of the picture's width, from which dots and camera do not
-/// belong together; the worst real lens stays below a tenth of it.
-const MISFIT: f64 = 0.01;
+/// Root mean square residual, as a share of the picture's width, from which dots and camera do not belong together;
+/// that of good lenses is a tenth of it.
+const MISFIT: f64 = 0.0025;
+/// Standard deviation of a focal length, as a share of it, from which the dots do not fix it.
+const UNSURE: f64 = 0.5;
 
 /// Calibrates cameras that see dots of known positions: their extrinsics, and the lenses that are
 /// not known. There is one view per camera; the world is the frame of the dots. Lens terms that
 /// the dots of a camera do not determine are held at zero and listed in
-/// [`Calibrated::left_out`].
+/// [`Calibrated::left_out`]. Every point takes part; see [`crate::agreement`] for lists with wrong ones.
 ///
 /// # Errors
 /// Every camera that has no dots, or dots that do not determine it or do not fit any camera, by its
@@ -48,62 +51,102 @@ pub fn calibrate_on_dots(
     robustness: Robustness,
     progress: &mut Progress<'_>,
 ) -> Result<Calibrated, CalibrationError> {
-    let one = |(c, before): (usize, &CameraPrior)| alone(c, before, sheets, free, robustness, progress);
-    let all: Vec<_> = before.iter().enumerate().map(one).collect();
-    let wrong = |(c, one): (usize, &Result<Calibrated, _>)| {
-        let name =
-            sheets.iter().find(|s| s.camera == c).map(|s| format!(" ({})", s.name)).unwrap_or_default();
-        one.as_ref().err().map(|problem| format!("camera {c}{name}: {problem}"))
+    let one = |(index, before): (usize, &CameraPrior)| {
+        let camera = OneCamera { index, before, free, robustness };
+        let own = sheets.iter().find(|s| s.camera == index).map(|s| s.samples.as_slice());
+        camera.fitting(camera.solved(own.unwrap_or_default(), progress)?)
     };
-    let wrong: Vec<String> = all.iter().enumerate().filter_map(wrong).collect();
-    if !wrong.is_empty() {
-        return Err(degenerate(wrong.join("; ")));
-    }
-    Ok(together(all.into_iter().flatten().collect(), sheets))
+    together(before.iter().enumerate().map(one).collect(), sheets)
 }
 
-/// The place of one camera, and its lens with as many terms as its dots determine.
-fn alone(
-    c: usize,
-    before: &CameraPrior,
-    sheets: &[TargetView],
-    free: [bool; LENS],
-    robustness: Robustness,
-    progress: &mut Progress<'_>,
-) -> Result<Calibrated, CalibrationError> {
-    let own: Vec<TargetView> = sheets
-        .iter()
-        .filter(|s| s.camera == c)
-        .map(|s| TargetView { camera: 0, view: 0, ..s.clone() })
-        .collect();
-    let starts =
-        first_guesses(c as u32, before, own.first().map(|s| s.samples.as_slice()).unwrap_or_default())?;
-    let free = match before {
-        CameraPrior::Size(_) => free,
-        CameraPrior::Lens(_) => [false; LENS],
-    };
-    let (found, left_out) = with_weak_terms_held(free, |free| {
-        let from = |start: Camera| {
-            let problem = TargetProblem::new(&own, vec![FreeParameters { lens: free, place: true }], true, 1);
-            let start = Scene { cameras: vec![start], views: vec![Isometry3::identity()] };
-            calibrate(problem, start, robustness, progress)
+/// One of the cameras, and how it is calibrated.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct OneCamera<'a> {
+    /// Its index.
+    pub(crate) index: usize,
+    /// What is known of it.
+    pub(crate) before: &'a CameraPrior,
+    /// Values of its lens that are to be found if it is not known.
+    pub(crate) free: [bool; LENS],
+    /// Weights of residuals.
+    pub(crate) robustness: Robustness,
+}
+
+impl OneCamera<'_> {
+    /// Width of its pictures, px.
+    pub(crate) fn width(&self) -> f64 {
+        f64::from(self.before.size_px()[0])
+    }
+
+    /// Its place, and its lens with as many terms as the dots determine. Terms that bend or fold the picture as no lens
+    /// does are not determined, although the solution has small residuals at the dots.
+    pub(crate) fn solved(
+        &self,
+        samples: &[Correspondence],
+        progress: &mut Progress<'_>,
+    ) -> Result<Calibrated, CalibrationError> {
+        let starts = first_guesses(self.index as u32, self.before, samples)?;
+        let mut free = match self.before {
+            CameraPrior::Size(_) => self.free,
+            CameraPrior::Lens(_) => [false; LENS],
         };
-        starts::best(starts.iter().cloned().map(from))
-    })?;
-    let (found, rival) = found;
-    let left_out: Vec<(usize, usize)> = left_out.into_iter().map(|term| (c, term)).collect();
-    let remarks = rival.map(|said| format!("camera {c}: {said}")).into_iter().collect();
-    fitting(Calibrated { left_out, remarks, ..found })
-}
-
-/// The calibration of one camera, unless its residuals are too large for any lens.
-fn fitting(found: Calibrated) -> Result<Calibrated, CalibrationError> {
-    let spread = robust_sigma(&found.residuals);
-    if spread > MISFIT * f64::from(found.scene.cameras[0].size_px[0]) {
-        let problem = format!("residuals of {spread:.1} px: its image points are not those of its dots");
-        return Err(degenerate(problem));
+        let mut bent = Vec::new();
+        loop {
+            let mut found = self.ended(samples, &starts, free, progress)?;
+            found.left_out.iter().for_each(|&(_, term)| free[term] = false);
+            let is_lens = rig_camera(&found.scene.cameras[0]).defect_of_distortion().is_none();
+            let next = DISPENSABLE.into_iter().find(|&term| free[term]);
+            let Some(term) = next.filter(|_| !is_lens) else {
+                found.left_out = bent.into_iter().chain(found.left_out).collect();
+                return Ok(found);
+            };
+            bent.extend(found.left_out.iter().copied().chain([(self.index, term)]));
+            free[term] = false;
+        }
     }
-    Ok(found)
+
+    /// The best end of some starts, with the values in `free` or fewer of them.
+    fn ended(
+        &self,
+        samples: &[Correspondence],
+        starts: &[Camera],
+        free: [bool; LENS],
+        progress: &mut Progress<'_>,
+    ) -> Result<Calibrated, CalibrationError> {
+        let own = [TargetView { name: String::new(), camera: 0, view: 0, samples: samples.to_vec() }];
+        let ((found, rival), left_out) = with_weak_terms_held(free, |free| {
+            let from = |start: Camera| {
+                let problem =
+                    TargetProblem::new(&own, vec![FreeParameters { lens: free, place: true }], true, 1);
+                let start = Scene { cameras: vec![start], views: vec![Isometry3::identity()] };
+                calibrate(problem, start, self.robustness, progress)
+            };
+            starts::best(starts.iter().cloned().map(from))
+        })?;
+        let left_out = left_out.into_iter().map(|term| (self.index, term)).collect();
+        let remarks = rival.map(|said| format!("camera {}: {said}", self.index)).into_iter().collect();
+        Ok(Calibrated { left_out, remarks, ..found })
+    }
+
+    /// The calibration, unless its residuals are too large for any lens or its focal length is not known.
+    pub(crate) fn fitting(&self, found: Calibrated) -> Result<Calibrated, CalibrationError> {
+        if found.rms_px > MISFIT * self.width() {
+            return Err(disagreement(format!(
+                "residuals of {:.1} px rms, expected at most {:.1} px: its image points are not those of its dots",
+                found.rms_px,
+                MISFIT * self.width()
+            )));
+        }
+        let lens = lens_of(&found.scene.cameras[0]);
+        let unsure = (0..2).find(|&axis| found.sigmas[0][axis] > UNSURE * lens[axis].abs());
+        match unsure {
+            None => Ok(found),
+            Some(axis) => Err(degenerate(format!(
+                "its dots do not fix its focal length: {} {:.0} ± {:.0} px",
+                LENS_NAMES[axis], lens[axis], found.sigmas[0][axis]
+            ))),
+        }
+    }
 }
 
 /// Cameras of which one at least is near that which saw the dots.
@@ -135,12 +178,30 @@ fn first_guesses(
 }
 
 /// The cameras' own calibrations as one.
-fn together(all: Vec<Calibrated>, sheets: &[TargetView]) -> Calibrated {
+///
+/// # Errors
+/// The problems of all cameras that have one.
+pub(crate) fn together(
+    all: Vec<Result<Calibrated, CalibrationError>>,
+    sheets: &[TargetView],
+) -> Result<Calibrated, CalibrationError> {
+    let wrong = |(c, one): (usize, &Result<Calibrated, _>)| {
+        let name = sheets.iter().find(|s| s.camera == c).map(|s| format!(" ({})", s.name));
+        one.as_ref().err().map(|problem| format!("camera {c}{}: {problem}", name.unwrap_or_default()))
+    };
+    let wrong: Vec<String> = all.iter().enumerate().filter_map(wrong).collect();
+    if !all.is_empty() && all.iter().all(|one| matches!(one, Err(CalibrationError::LeftHanded))) {
+        return Err(CalibrationError::LeftHanded);
+    }
+    if !wrong.is_empty() {
+        return Err(disagreement(wrong.join("; ")));
+    }
+    let all: Vec<Calibrated> = all.into_iter().flatten().collect();
     let cameras: Vec<Camera> = all.iter().map(|one| one.scene.cameras[0].clone()).collect();
     let scene = Scene { cameras, views: vec![Isometry3::identity()] };
     let residuals = residuals(&scene, sheets);
     let squares = all.iter().map(|one| one.sigma_px * one.sigma_px * one.residuals.len() as f64);
-    Calibrated {
+    Ok(Calibrated {
         rms_px: rms(residuals.iter().copied()),
         sigma_px: (squares.sum::<f64>() / residuals.len().max(1) as f64).sqrt(),
         sigmas: all.iter().flat_map(|one| one.sigmas.clone()).collect(),
@@ -149,7 +210,7 @@ fn together(all: Vec<Calibrated>, sheets: &[TargetView]) -> Calibrated {
         remarks: all.iter().flat_map(|one| one.remarks.clone()).collect(),
         residuals,
         scene,
-    }
+    })
 }
 
 /// Known positions nearer than this are of one dot, mm; lists round to 1e-6.

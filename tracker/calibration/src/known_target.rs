@@ -4,8 +4,9 @@
 use crate::dots::Dot;
 use crate::linear::{camera_from_dots, plane_of};
 use crate::target_problem::Correspondence;
-use crate::{CalibrationError, degenerate, median};
+use crate::{CalibrationError, degenerate, disagreement, median};
 use nalgebra::{Matrix4, Matrix4x2, Point3, Vector2, Vector4};
+use rig::camera::Camera;
 
 /// A dot may lie so far from where it is predicted, as a share of the distance between dots.
 const GATE: f64 = 0.3;
@@ -15,6 +16,10 @@ const ROUNDS: (usize, usize) = (3, 4);
 const SPECK: f64 = 6.0;
 /// Fewest dots that count as a target found.
 const FEWEST: usize = 12;
+/// Least share of the dots within the picture that must be recognised: fewer are chance pairs of a wrong view.
+const LEAST_SHARE: f64 = 0.75;
+/// A dot of the picture looks like those recognised if its area is within this factor of their median.
+const ALIKE: f64 = 1.5;
 
 /// Pairs the dots of a picture with those of a target (mm), beginning with `picked` ones, of which
 /// four or more that do not lie in a plane are needed.
@@ -37,6 +42,7 @@ pub fn match_dots(
         let flat = affine(&samples).ok_or_else(|| degenerate("the picked dots do not fix the view"))?;
         samples = paired(dots, target, &|p| Some(flat.tr_mul(&p.to_homogeneous())), samples);
     }
+    let mut in_view = 0;
     for _ in 0..ROUNDS.1 {
         if samples.len() < FEWEST {
             let (n, dots) = (samples.len(), dots.len());
@@ -44,10 +50,45 @@ pub fn match_dots(
                 format!("{n} of the target's dots were recognised among {dots}; check the picked ones");
             return Err(degenerate(problem));
         }
-        let camera = camera_from_dots(0, size_px, &samples)?;
+        let camera =
+            camera_from_dots(0, size_px, &samples).map_err(|problem| unfit(samples.len(), &problem))?;
         samples = paired(dots, target, &|p| camera.project(p), samples);
+        in_view = target.iter().filter(|p| is_in_view(&camera, p)).count();
+    }
+    let (found, expected) = (samples.len(), in_view.max(alike(dots, &samples).min(target.len())));
+    if (found as f64) < LEAST_SHARE * expected as f64 {
+        return Err(disagreement(format!(
+            "{found} of the target's dots were recognised, expected most of the {expected} that are in the picture; check \
+             the picked ones: are they of this picture?"
+        )));
     }
     Ok(samples)
+}
+
+/// The refusal of dots that were recognised but show no camera.
+fn unfit(recognised: usize, problem: &CalibrationError) -> CalibrationError {
+    let why = match problem {
+        CalibrationError::LeftHanded => "fit a mirrored target only (or X, Y, Z are left-handed)".into(),
+        CalibrationError::Geometry(problem) => problem.clone(),
+        problem => problem.to_string(),
+    };
+    disagreement(format!(
+        "{recognised} of the target's dots were recognised, but {why}; check the picked ones: are they of this picture?"
+    ))
+}
+
+/// How many dots of a picture look like those that were recognised. A camera of a wrong view would show few of the
+/// target's dots, so that what it should show is no measure.
+fn alike(dots: &[Dot], recognised: &[Correspondence]) -> usize {
+    let area = |s: &Correspondence| dots.iter().find(|dot| dot.at == s.pixel).map(|dot| dot.area_px);
+    let Some(typical) = median(recognised.iter().filter_map(area)) else { return 0 };
+    dots.iter().filter(|dot| (1.0 / ALIKE..=ALIKE).contains(&(dot.area_px / typical))).count()
+}
+
+/// True if a camera shows a point within its picture.
+fn is_in_view(camera: &Camera, point: &Point3<f64>) -> bool {
+    let inside = |at: Vector2<f64>| (0..2).all(|a| (0.0..f64::from(camera.size_px[a])).contains(&at[a]));
+    camera.project(point).is_some_and(inside)
 }
 
 /// Pixels as an affine function of (X, Y, Z, 1): a camera far away.
@@ -92,7 +133,6 @@ mod tests {
     use super::*;
     use crate::lens::pinhole_camera;
     use nalgebra::{Rotation3, Vector3};
-    use rig::camera::Camera;
 
     fn scene() -> (Camera, Vec<Point3<f64>>, Vec<Dot>) {
         let mut camera =
@@ -133,6 +173,21 @@ mod tests {
         let off = |s: &Correspondence| (camera.project(&s.point).unwrap() - s.pixel).norm();
         assert!(found.iter().all(|s| off(s) < 3.0));
         assert!(found.iter().filter(|s| off(s) < 1e-9).count() >= 370);
+    }
+
+    #[test]
+    fn picks_of_another_view_are_refused() {
+        let (camera, target, dots) = scene();
+        for turn in [Vector3::new(0.0, 0.5, 0.0), Vector3::new(0.4, -0.2, 0.1), Vector3::new(0.0, 0.0, 0.06)]
+        {
+            let mut other = camera.clone();
+            other.camera_from_world = Rotation3::new(turn).into_inner() * camera.camera_from_world;
+            let middle = Vector3::new(28.5, 28.5, -6.0);
+            other.translation_mm += (camera.camera_from_world - other.camera_from_world) * middle;
+            let picks = picked(&other, &target, &[0, 19, 389, 380, 210]);
+            let told = match_dots([1280, 1024], &dots, &target, &picks).unwrap_err().to_string();
+            assert!(told.contains("check the picked ones"), "{turn}: {told}");
+        }
     }
 
     #[test]

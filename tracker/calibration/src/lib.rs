@@ -4,6 +4,8 @@
 //! Nothing here runs on the hot path; matrices may grow. Files are read by [`cli`] and by the
 //! readers it calls, everything else is pure. Bodies are tracked by the crate `tracker`.
 
+pub mod agreement;
+mod best_half;
 pub mod board;
 pub mod bundle;
 pub mod causes;
@@ -11,6 +13,7 @@ pub mod charuco;
 pub mod cli;
 pub mod corners;
 pub mod dots;
+mod draws;
 pub mod drift_check;
 pub mod fixed_dots;
 pub mod grey_image;
@@ -43,6 +46,12 @@ pub enum CalibrationError {
     /// Points or views do not determine the parameters.
     #[error("degenerate geometry: {0}")]
     Geometry(String),
+    /// Only a mirrored world fits the image points.
+    #[error("the world of the dots is left-handed: exchange two of X, Y, Z, or change the sign of one")]
+    LeftHanded,
+    /// Points that contradict the camera or each other; the message says whose.
+    #[error("{0}")]
+    Disagreement(String),
     /// Too few pictures with a target in them.
     #[error("the target was found in {0} pictures; at least {FEWEST_VIEWS} are needed, tilted differently")]
     TooFewViews(usize),
@@ -56,6 +65,10 @@ fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut sorted: Vec<f64> = values.collect();
     sorted.sort_by(f64::total_cmp);
     sorted.get(sorted.len() / 2).copied()
+}
+
+fn disagreement(problem: impl Into<String>) -> CalibrationError {
+    CalibrationError::Disagreement(problem.into())
 }
 
 fn degenerate(problem: impl Into<String>) -> CalibrationError {

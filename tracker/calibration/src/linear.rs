@@ -230,8 +230,22 @@ pub fn target_in_camera(
         .ok_or_else(|| degenerate("the dots do not fix the camera's place"))
 }
 
-/// Projection matrix of dots in space (6 or more, not in a plane).
+/// Projection matrix of dots in space (6 or more, not in a plane) with right-handed positions.
 fn projection_matrix(samples: &[Correspondence]) -> Result<Matrix3x4<f64>, CalibrationError> {
+    let p = oriented_projection(samples)?;
+    // With the dots before the camera, only mirrored axes turn a picture inside out.
+    if p.fixed_view::<3, 3>(0, 0).determinant() < 0.0 {
+        return Err(CalibrationError::LeftHanded);
+    }
+    Ok(p)
+}
+
+/// Projection matrix of dots in space (6 or more, not in a plane), with most of them before the camera. Its left part
+/// has a negative determinant if their positions are left-handed.
+///
+/// # Errors
+/// Too few dots, or dots that do not determine it.
+pub fn oriented_projection(samples: &[Correspondence]) -> Result<Matrix3x4<f64>, CalibrationError> {
     if samples.len() < 6 {
         return Err(degenerate(format!("{} dots; a target in space needs at least 6", samples.len())));
     }
@@ -248,14 +262,7 @@ fn projection_matrix(samples: &[Correspondence]) -> Result<Matrix3x4<f64>, Calib
     let back = to.try_inverse().ok_or_else(|| degenerate("all image points are in one place"))?;
     let p = back * Matrix3x4::from_row_slice(h.as_slice()) * from;
     let front = samples.iter().filter(|s| p.row(2).dot(&s.point.coords.push(1.0).transpose()) > 0.0).count();
-    let p = if 2 * front < samples.len() { -p } else { p };
-    // With the dots before the camera, only mirrored axes turn a picture inside out.
-    if p.fixed_view::<3, 3>(0, 0).determinant() < 0.0 {
-        return Err(degenerate(
-            "the world of the dots is left-handed: exchange two of X, Y, Z, or change the sign of one",
-        ));
-    }
-    Ok(p)
+    Ok(if 2 * front < samples.len() { -p } else { p })
 }
 
 /// A camera without distortion, its place included, from dots in space.

@@ -24,6 +24,10 @@ pub struct View {
     pub name: String,
     /// In the order of the list.
     pub samples: Vec<Correspondence>,
+    /// Line of each sample in the file, from 1; in JSON, the number of its entry.
+    pub lines: Vec<usize>,
+    /// What `lines` counts: `line` or `entry`.
+    pub counted: &'static str,
 }
 
 #[derive(Debug, Deserialize)]
@@ -89,17 +93,20 @@ pub fn parse_target(text: &str, file: &str) -> Result<Vec<Point3<f64>>> {
 /// A line or entry that does not hold a point, or a text without points.
 pub fn parse(text: &str, file: &str) -> Result<Vec<View>> {
     let text = text.trim_start_matches('\u{feff}');
-    let rows = match text.trim_start().chars().next() {
-        Some('[' | '{') => json(text, file)?,
-        Some(c) if c.is_alphabetic() => csv(text, file)?,
-        _ => table(text, file)?,
+    let (rows, counted) = match text.trim_start().chars().next() {
+        Some('[' | '{') => (json(text, file)?, "entry"),
+        Some(c) if c.is_alphabetic() => (csv(text, file)?, "line"),
+        _ => (table(text, file)?, "line"),
     };
     let mut views: Vec<View> = Vec::new();
-    for Row { view: name, numbers: [x, y, a, b, c] } in rows {
+    for Row { view: name, numbers: [x, y, a, b, c], line } in rows {
         let sample = Correspondence { pixel: Vector2::new(x, y), point: Point3::new(a, b, c) };
         match views.iter_mut().find(|v| v.name == name) {
-            Some(view) => view.samples.push(sample),
-            None => views.push(View { name, samples: vec![sample] }),
+            Some(view) => {
+                view.samples.push(sample);
+                view.lines.push(line);
+            }
+            None => views.push(View { name, samples: vec![sample], lines: vec![line], counted }),
         }
     }
     ensure!(!views.is_empty(), "point list {file}: expected points, found none");
@@ -111,6 +118,8 @@ struct Row {
     view: String,
     /// In the order of [`KEYS`].
     numbers: [f64; 5],
+    /// Its line, or its entry in JSON.
+    line: usize,
 }
 
 /// Refuses numbers out of range; `place` is the file with the line or entry.
@@ -158,7 +167,8 @@ fn json(text: &str, file: &str) -> Result<Vec<Row>> {
             serde_json::Value::Number(n) => n.to_string(),
             other => bail!("point list {place}: view: expected a text or a number, found {other}"),
         };
-        Ok(Row { view, numbers: checked([e.x, e.y, e.big_x, e.big_y, e.big_z], KEYS, &place)? })
+        let numbers = checked([e.x, e.y, e.big_x, e.big_y, e.big_z], KEYS, &place)?;
+        Ok(Row { view, numbers, line: i + 1 })
     };
     entries.into_iter().enumerate().map(row).collect()
 }
@@ -188,7 +198,7 @@ fn csv(text: &str, file: &str) -> Result<Vec<Row>> {
         let (expected, found) = (names.len(), cells.len());
         ensure!(found == expected, "point list {place}: expected {expected} fields, found {found}");
         let numbers = numbers(order.map(|at| &cells[at]), KEYS, &place)?;
-        Ok(Row { view: view.map_or("", |v| &cells[v]).into(), numbers })
+        Ok(Row { view: view.map_or("", |v| &cells[v]).into(), numbers, line })
     };
     rest.map(row).collect()
 }
@@ -197,7 +207,7 @@ fn csv(text: &str, file: &str) -> Result<Vec<Row>> {
 fn table(text: &str, file: &str) -> Result<Vec<Row>> {
     let row = |(line, text): (usize, &str)| {
         let numbers = columns(text.split_whitespace(), KEYS, &format!("{file}, line {line}"))?;
-        Ok(Row { view: String::new(), numbers })
+        Ok(Row { view: String::new(), numbers, line })
     };
     lines(text).map(row).collect()
 }
@@ -213,8 +223,13 @@ mod tests {
         let by_csv = parse("\u{feff}X,Y,Z,x,y\n3,4,-5,1.5,2.5\n8,9,10,6,7\n", "f").unwrap();
         let by_json =
             parse(r#"[{"x":1.5,"y":2.5,"X":3,"Y":4,"Z":-5},{"x":6,"y":7,"X":8,"Y":9,"Z":10}]"#, "f").unwrap();
-        assert_eq!(by_columns, by_csv);
-        assert_eq!(by_columns, by_json);
+        assert_eq!(by_columns[0].samples, by_csv[0].samples);
+        assert_eq!(by_columns[0].samples, by_json[0].samples);
+        // Blank lines and the header count as lines, and entries from 1.
+        let places = |views: &[View]| (views[0].counted, views[0].lines.clone());
+        assert_eq!(places(&by_columns), ("line", vec![1, 3]));
+        assert_eq!(places(&by_csv), ("line", vec![2, 3]));
+        assert_eq!(places(&by_json), ("entry", vec![1, 2]));
         assert_eq!(by_columns[0].samples[1].point, Point3::new(8.0, 9.0, 10.0));
     }
 

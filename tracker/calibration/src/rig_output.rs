@@ -1,6 +1,7 @@
 //! Cameras into rig files.
 
 use rig::camera::Camera;
+use rig::sensor::{Scan, Shutter};
 use rig::{Rig, RigCamera, RigError};
 
 /// A camera as a rig file has it.
@@ -37,6 +38,25 @@ pub fn rig_with(template: &Rig, cameras: &[Camera]) -> Result<Rig, RigError> {
     Rig::parse(&rig.to_json(), "of the calibration")
 }
 
+/// `template` for cameras of other sizes than its own, of whose timing nothing is known: whole frames with a global
+/// shutter at the template's rate, read out within the period. `None` if all sizes are the template's.
+pub fn whole_frames(template: &Rig, sizes_px: &[[u32; 2]]) -> Option<Rig> {
+    let has = |size: &[u32; 2]| template.cameras.iter().any(|c| [c.width, c.height] == *size);
+    if sizes_px.iter().all(has) {
+        return None;
+    }
+    let lines = sizes_px.iter().map(|size| size[1]).max()?.max(1);
+    let mut rig = template.clone();
+    (rig.scan, rig.shutter, rig.field_rule) = (Scan::Progressive, Shutter::Global, None);
+    rig.line_ns = rig.field_period_ns() / u64::from(lines);
+    rig.exposure_ns = rig.exposure_ns.min(rig.field_period_ns());
+    for camera in &mut rig.cameras {
+        (camera.field_hz, camera.line_ns, camera.exposure_ns) = (None, None, None);
+        (camera.scan, camera.shutter, camera.pixel_format) = (None, None, None);
+    }
+    Some(rig)
+}
+
 /// What a file says of times and pixels of the camera with this id stays.
 fn like(camera: RigCamera, template: &Rig) -> RigCamera {
     let Some(old) = template.cameras.iter().find(|c| c.id == camera.id) else { return camera };
@@ -65,6 +85,24 @@ pub fn rig_with_lens(rig: &Rig, camera: &Camera) -> Option<Rig> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector2;
+
+    #[test]
+    fn a_template_fits_any_size() {
+        let shipped = Rig::load_or_shipped(None).unwrap();
+        assert!(whole_frames(&shipped, &[[720, 576]; 3]).is_none());
+        for size in [[1280, 1024], [1920, 1200], [656, 491], [16, 16]] {
+            let template = whole_frames(&shipped, &[size; 2]).unwrap();
+            let cameras = shipped.cameras().into_iter().take(2).map(|camera| Camera {
+                size_px: size,
+                focal_px: Vector2::repeat(2.0 * f64::from(size[0])),
+                centre_px: Vector2::from(size.map(f64::from)) / 2.0,
+                ..camera
+            });
+            let rig = rig_with(&template, &cameras.collect::<Vec<_>>()).unwrap();
+            assert_eq!((rig.frame, rig.scan), (Some(size), Scan::Progressive));
+        }
+    }
 
     #[test]
     fn cameras_come_back_as_they_went() {

@@ -400,8 +400,10 @@ fn weak_lens_terms_are_left_out_camera_by_camera() {
     sheets[2].samples.truncate(7);
     let priors = vec![CameraPrior::Size(SIZE); 4];
     let found = calibrate_on_dots(&priors, &sheets, [true; LENS], Robustness::Square, &mut quiet).unwrap();
-    assert!(found.left_out.first() == Some(&(2, 8)), "k3 first: {:?}", found.left_out);
-    assert!(found.left_out.iter().all(|o| o.0 == 2), "{:?}", found.left_out);
+    let weak: Vec<usize> = found.left_out.iter().filter(|o| o.0 == 2).map(|o| o.1).collect();
+    assert!(weak.first() == Some(&8), "k3 first: {:?}", found.left_out);
+    // A k3 that would fold the picture beyond the dots is not determined, either.
+    assert!(found.left_out.iter().all(|o| o.0 == 2 || o.1 == 8), "{:?}", found.left_out);
     assert_eq!(found.scene.cameras[2].distortion[4], 0.0);
     for c in [0, 1, 3] {
         let off = (found.scene.cameras[c].centre_in_world() - cameras[c].centre_in_world()).norm();

@@ -1,16 +1,20 @@
 //! Calibrations that look at dots of known places: `dots`.
 
-use super::target::{finish, report_of, sheets_of_lists};
-use super::{OutputArgs, SolveArgs, checks, pair, progress, recorded, short};
+use super::dots_checks::{self, Source};
+use super::target::{finish, report_of};
+use super::{OutputArgs, SolveArgs, checks, pair, progress, recorded, short, with_spinner};
+use crate::agreement::{Agreeing, calibrate_agreeing};
+use crate::draws::Draws;
 use crate::fixed_dots::{CameraPrior, calibrate_on_dots, common_dots, held_out};
 use crate::grey_image::GreyImage;
 use crate::halves::HeldOut;
 use crate::known_target::match_dots;
 use crate::lens::LENS;
-use crate::rig_output::rig_with;
-use crate::target_problem::{Robustness, TargetView};
+use crate::report::Report;
+use crate::rig_output::{rig_with, whole_frames};
+use crate::target_problem::{Calibrated, Robustness, TargetView};
 use crate::{CalibrationError, dots, point_lists};
-use anyhow::{Context, ensure};
+use anyhow::{Context, bail, ensure};
 use fpga_model::input::recorded::Recorded;
 use fpga_model::input::whole::is_recording;
 use rig::Rig;
@@ -52,9 +56,9 @@ pub struct DotsArgs {
     pub output: OutputArgs,
 }
 
-/// Point lists of dots that stay in place, one a camera.
-fn sheets_of_dots(args: &DotsArgs) -> anyhow::Result<Vec<TargetView>> {
-    let mut sheets = Vec::new();
+/// Point lists of dots that stay in place, one a camera, and the lines of their points.
+fn sheets_of_dots(args: &DotsArgs) -> anyhow::Result<(Vec<TargetView>, Vec<Source>)> {
+    let (mut sheets, mut sources) = (Vec::new(), Vec::new());
     for (camera, path) in args.points.iter().enumerate() {
         ensure!(
             !is_recording(path),
@@ -62,12 +66,17 @@ fn sheets_of_dots(args: &DotsArgs) -> anyhow::Result<Vec<TargetView>> {
              --pictures {0} --target FILE --picked POINTS",
             path.display()
         );
-        let mut views = sheets_of_lists(std::slice::from_ref(path), camera)?;
+        let views = point_lists::load(path)?;
         let n = views.len();
         ensure!(n == 1, "{}: expected dots that stay in place, found {n} views", path.display());
-        sheets.append(&mut views);
+        for view in views {
+            let name =
+                if view.name.is_empty() { short(path) } else { format!("{} {}", short(path), view.name) };
+            sheets.push(TargetView { name, camera, view: 0, samples: view.samples });
+            sources.push(Source { counted: view.counted, lines: view.lines });
+        }
     }
-    Ok(sheets)
+    Ok((sheets, sources))
 }
 
 /// A picture of the target.
@@ -98,7 +107,7 @@ fn shown(args: &DotsArgs) -> anyhow::Result<Vec<Shown>> {
         Ok(Shown { names: [short(path), path.display().to_string()], picture: GreyImage::load(path)? })
     };
     let recorded = args.pictures.iter().find(|path| is_recording(path));
-    let all = match recorded {
+    let all: anyhow::Result<Vec<Shown>> = match recorded {
         None => args.pictures.iter().map(of_file).collect(),
         Some(path) => {
             ensure!(
@@ -113,7 +122,22 @@ fn shown(args: &DotsArgs) -> anyhow::Result<Vec<Shown>> {
         }
     };
     progress.finish_and_clear();
-    all
+    let all: Vec<Shown> = all?;
+    expect_different(&all)?;
+    Ok(all)
+}
+
+/// Refuses one picture for two cameras.
+fn expect_different(all: &[Shown]) -> anyhow::Result<()> {
+    for (i, first) in all.iter().enumerate() {
+        if let Some(j) = (i + 1..all.len()).find(|&j| all[j].picture == first.picture) {
+            let (one, other) = (&first.names[1], &all[j].names[1]);
+            bail!(
+                "cameras {i} and {j}: expected a picture by each camera, found the same one in {one} and {other}"
+            );
+        }
+    }
+    Ok(())
 }
 
 /// The target's dots in a picture of each camera.
@@ -150,13 +174,15 @@ fn sheets_of_target(args: &DotsArgs, pictures: &[Shown]) -> anyhow::Result<Vec<T
     Ok(sheets)
 }
 
-/// The rig whose cameras are replaced.
-fn template(args: &DotsArgs) -> anyhow::Result<Rig> {
+/// The rig whose cameras are replaced, and its name in messages; without a rig, the shipped one.
+fn template(args: &DotsArgs) -> anyhow::Result<(Rig, String)> {
     match (&args.rig, args.pictures.iter().find(|path| is_recording(path))) {
         (None, Some(path)) => {
-            Ok(Rig::parse(&Recorded::head(path)?.rig_json, &format!("of {}", path.display()))?)
+            let name = format!("the rig of {}", path.display());
+            Ok((Rig::parse(&Recorded::head(path)?.rig_json, &format!("of {}", path.display()))?, name))
         }
-        (rig, _) => Ok(Rig::load_or_shipped(rig.as_deref())?),
+        (Some(path), _) => Ok((Rig::load(path)?, path.display().to_string())),
+        (None, None) => Ok((Rig::load_or_shipped(None)?, "the shipped rig".into())),
     }
 }
 
@@ -189,7 +215,10 @@ struct Scene {
     /// The rig whose cameras are replaced.
     template: Rig,
     sheets: Vec<TargetView>,
+    /// Where the points of each list come from; empty for pictures.
+    sources: Vec<Source>,
     before: Vec<CameraPrior>,
+    notes: Vec<String>,
 }
 
 /// Reads and checks the inputs.
@@ -199,12 +228,54 @@ fn scene(args: &DotsArgs) -> anyhow::Result<Scene> {
         !args.pictures.is_empty() || args.size.is_some() || args.rig.is_some(),
         "expected --size WIDTHxHEIGHT, to find the lenses too, or --rig RIG.json, whose lenses are kept"
     );
-    let (template, pictures) = (template(args)?, shown(args)?);
-    let sheets = if pictures.is_empty() { sheets_of_dots(args)? } else { sheets_of_target(args, &pictures)? };
+    let ((mut template, from), pictures) = (template(args)?, shown(args)?);
+    let (sheets, sources) = match pictures.is_empty() {
+        true => sheets_of_dots(args)?,
+        false => (sheets_of_target(args, &pictures)?, Vec::new()),
+    };
     let before = priors(args, &template, &sheets, &pictures)?;
     let sizes_px: Vec<[u32; 2]> = before.iter().map(CameraPrior::size_px).collect();
     checks::inside(&sheets, &sizes_px, if args.size.is_some() { "--size" } else { "the rig" })?;
-    Ok(Scene { template, sheets, before })
+    let mut notes = vec!["the world is the frame of the dots".into()];
+    let is_shipped = args.rig.is_none() && !args.pictures.iter().any(|path| is_recording(path));
+    let is_written = args.output.output.is_some();
+    if is_shipped
+        && is_written
+        && let Some(fitted) = whole_frames(&template, &sizes_px)
+    {
+        template = fitted;
+        notes.push(format!(
+            "without --rig, the rig has whole frames at {} Hz: set field_hz, line_ns, exposure_ns, scan and shutter to \
+             those of the cameras",
+            template.field_hz
+        ));
+    }
+    if is_written {
+        dots_checks::writable(&template, &before, &from)?;
+    }
+    if args.rig.is_some() {
+        dots_checks::in_order(&template, &sheets)?;
+    }
+    Ok(Scene { template, sheets, sources, before, notes })
+}
+
+/// Refuses to write a rig in another unit than mm; otherwise only notes it.
+fn check_unit(
+    args: &DotsArgs,
+    scene: &Scene,
+    found: &Calibrated,
+    notes: &mut Vec<String>,
+) -> anyhow::Result<()> {
+    let cameras = &found.scene.cameras;
+    let sizes = |cameras: &[Camera]| cameras.iter().map(|c| c.size_px).collect::<Vec<_>>();
+    let old =
+        args.rig.as_ref().map(|_| &scene.template).filter(|rig| sizes(&rig.cameras()) == sizes(cameras));
+    let Some(problem) = dots_checks::other_unit(cameras, &scene.sheets, &scene.template, old) else {
+        return Ok(());
+    };
+    ensure!(args.output.output.is_none(), "{problem}");
+    notes.push(problem);
+    Ok(())
 }
 
 /// Runs `vitreo calibrate dots`.
@@ -212,34 +283,43 @@ fn scene(args: &DotsArgs) -> anyhow::Result<Scene> {
 /// # Errors
 /// As [`intrinsics`]; lists or pictures that do not fit the cameras.
 pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
-    let Scene { template, sheets, before } = scene(args)?;
+    let scene = scene(args)?;
     let (free, loss) = (args.solve.free(), args.solve.loss);
-    let found = calibrate_on_dots(&before, &sheets, free, loss, &mut |_, _| {})?;
-    let mut notes = vec!["the world is the frame of the dots".into()];
+    let Agreeing { found, sheets, wrong } = with_spinner("least squares", |tell| {
+        calibrate_agreeing(&scene.before, &scene.sheets, free, loss, tell)
+    })?;
+    let mut notes = scene.notes.clone();
+    notes.extend(dots_checks::left_out(&wrong, &scene.sheets, &scene.sources));
     notes.extend(checks::remarks(&found, &sheets));
+    check_unit(args, &scene, &found, &mut notes)?;
     let mut report = report_of("dots", &found, &sheets, notes);
-    if let Some(times) = args.splits {
-        let [x, y, z] = median_of_splits(&before, &sheets, free, loss, times)?;
-        for (axis, value) in [("x", x), ("y", y), ("z", z)] {
-            let name = format!("dots held out: rms error along {axis}, {times} splits");
-            report.figure(name, value * 1e3, "µm");
-        }
-    }
+    let Scene { template, before, .. } = &scene;
+    add_splits(&mut report, args, before, &sheets)?;
     let compared = args.rig.as_ref().filter(|_| args.output.output.is_some());
     let held_out = compared.map(|_| {
         let sizes_px: Vec<[u32; 2]> = before.iter().map(CameraPrior::size_px).collect();
-        checks::beside(&template, &sizes_px, |cameras| {
-            let learnt = |half: &[TargetView]| calibrate_on_dots(&before, half, free, loss, &mut |_, _| {});
+        checks::beside(template, &sizes_px, |cameras| {
+            let learnt = |half: &[TargetView]| calibrate_on_dots(before, half, free, loss, &mut |_, _| {});
             HeldOut::of_dots(cameras, &sheets, learnt)
         })
     });
-    finish(
-        &args.output,
-        report,
-        &found,
-        held_out,
-        || Ok(rig_with(&template, &found.scene.cameras)?.to_json()),
-    )
+    finish(&args.output, report, &found, held_out, || Ok(rig_with(template, &found.scene.cameras)?.to_json()))
+}
+
+/// Adds the errors of held-out dots, if `--splits` is given.
+fn add_splits(
+    report: &mut Report,
+    args: &DotsArgs,
+    before: &[CameraPrior],
+    sheets: &[TargetView],
+) -> anyhow::Result<()> {
+    let Some(times) = args.splits else { return Ok(()) };
+    let [x, y, z] = median_of_splits(before, sheets, args.solve.free(), args.solve.loss, times)?;
+    for (axis, value) in [("x", x), ("y", y), ("z", z)] {
+        let name = format!("dots held out: rms error along {axis}, {times} splits");
+        report.figure(name, value * 1e3, "µm");
+    }
+    Ok(())
 }
 
 /// Median errors over random halves; split `n` is the same on every machine.
@@ -269,20 +349,9 @@ fn median_of_splits(
     }))
 }
 
-/// Half of `n` things, drawn by a shuffle from `seed` (Fisher–Yates with Knuth's MMIX generator).
+/// Half of `n` things, drawn by a shuffle from `seed`.
 fn random_half(n: usize, seed: u32) -> Vec<bool> {
-    let mut state = u64::from(seed);
-    let mut draw = |below: usize| {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        ((state >> 33) as usize) % below
-    };
-    // The first numbers of neighbouring seeds are alike.
-    for _ in 0..8 {
-        draw(2);
-    }
-    let mut order: Vec<usize> = (0..n).collect();
-    (1..n).rev().for_each(|i| order.swap(i, draw(i + 1)));
     let mut chosen = vec![false; n];
-    order[..n / 2].iter().for_each(|&i| chosen[i] = true);
+    Draws::new(seed.into()).order(n)[..n / 2].iter().for_each(|&i| chosen[i] = true);
     chosen
 }

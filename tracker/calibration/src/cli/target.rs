@@ -232,7 +232,7 @@ fn renumber(sheets: &mut [TargetView]) {
 }
 
 /// Views of the point lists of one camera.
-pub(super) fn sheets_of_lists(lists: &[PathBuf], camera: usize) -> anyhow::Result<Vec<TargetView>> {
+fn sheets_of_lists(lists: &[PathBuf], camera: usize) -> anyhow::Result<Vec<TargetView>> {
     let mut sheets: Vec<TargetView> = Vec::new();
     for path in lists {
         for view in point_lists::load(path)? {
