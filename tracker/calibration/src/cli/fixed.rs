@@ -1,5 +1,6 @@
 //! Calibrations that look at dots of known places: `dots`.
 
+use super::checks::NotCompared;
 use super::target::{finish, report_of, sheets_of_lists};
 use super::{OutputArgs, SolveArgs, checks, pair, progress, recorded, short};
 use crate::fixed_dots::{CameraPrior, calibrate_on_dots, common_dots, held_out};
@@ -230,7 +231,7 @@ pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
         let sizes_px: Vec<[u32; 2]> = before.iter().map(CameraPrior::size_px).collect();
         checks::beside(&template, &sizes_px, |cameras| {
             let learnt = |half: &[TargetView]| calibrate_on_dots(&before, half, free, loss, &mut |_, _| {});
-            HeldOut::of_dots(cameras, &sheets, learnt)
+            HeldOut::of_dots(cameras, &sheets, learnt).ok_or(NotCompared::TooFewDots)
         })
     });
     finish(
