@@ -84,7 +84,7 @@ impl Outputs {
     /// of other names may be in it.
     ///
     /// # Errors
-    /// If the folder contains files of `names` (without `force`), if `path` is a file, an input or another
+    /// If the folder contains files of `names` (without `force`) or an input or another output of such a name, if `path` is a file, an input or another
     /// output, or if no file can be created in it.
     pub fn claim_folder(&mut self, path: &Path, names: Names) -> Result<(), OutputError> {
         self.note(path)?;
@@ -92,6 +92,7 @@ impl Outputs {
         if let Some(input) = self.inputs.iter().find(|i| same_file(i, path) && !(self.force && i.is_dir())) {
             return Err(OutputError::Input { path: shown(), input: input.display().to_string() });
         }
+        self.check_entries(path, names)?;
         match path.metadata() {
             Ok(found) if !found.is_dir() => {
                 Err(OutputError::Kind { path: shown(), expected: "a folder, found a file" })
@@ -159,6 +160,25 @@ impl Outputs {
         }
     }
 
+    /// Refuses a folder in which a file of `names` is an input, under any name, or another output.
+    fn check_entries(&self, folder: &Path, names: Names) -> Result<(), OutputError> {
+        for entry in entries_of(folder, names) {
+            if let Some(input) = self.inputs.iter().find(|input| same_file(input, &entry)) {
+                let [path, input] = [&entry, input].map(|p| p.display().to_string());
+                return Err(OutputError::Input { path, input });
+            }
+        }
+        let folder = resolved(&folder.join("entry"));
+        let is_named = |path: &&PathBuf| {
+            path.parent() == folder.parent()
+                && path.file_name().and_then(|n| n.to_str()).is_some_and(|n| is_of(n, names))
+        };
+        match self.outputs.iter().map(|(path, _)| path).find(is_named) {
+            Some(twice) => Err(OutputError::Twice { path: twice.display().to_string() }),
+            None => Ok(()),
+        }
+    }
+
     fn check_inputs(&self, path: &Path) -> Result<(), OutputError> {
         let refused = |input: &Path| OutputError::Input {
             path: path.display().to_string(),
@@ -214,13 +234,22 @@ fn resolved(path: &Path) -> PathBuf {
     }
 }
 
+/// True if a file name matches one of `names`.
+fn is_of(name: &str, names: Names) -> bool {
+    names.iter().any(|[begin, end]| name.starts_with(begin) && name.ends_with(end))
+}
+
+/// The files of a folder whose names match one of `names`.
+fn entries_of(folder: &Path, names: Names) -> impl Iterator<Item = PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    entries
+        .filter(move |entry| entry.file_name().to_str().is_some_and(|name| is_of(name, names)))
+        .map(|entry| entry.path())
+}
+
 /// The first file of a folder whose name matches one of `names`.
 fn entry_of(folder: &Path, names: Names) -> Option<PathBuf> {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    let is_taken =
-        |name: &str| names.iter().any(|[begin, end]| name.starts_with(begin) && name.ends_with(end));
-    let taken = entries.filter(|entry| entry.file_name().to_str().is_some_and(is_taken));
-    taken.map(|entry| entry.path()).min()
+    entries_of(folder, names).min()
 }
 
 /// Checks that a file can be created in `folder` or, if it does not exist yet, in its nearest existing
@@ -297,6 +326,28 @@ mod tests {
             Outputs::new(true).claim_folder(folder.path(), STILLS).unwrap();
             fs::remove_file(file).unwrap();
         }
+    }
+
+    #[test]
+    fn an_input_in_a_folder_of_outputs_is_kept_if_its_name_is_one_of_theirs() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for name in ["a.png", "last.png"] {
+            fs::write(at(name), "").unwrap();
+        }
+        for force in [false, true] {
+            let error = text(Outputs::new(force).reading(at("last.png")).claim_folder(folder.path(), STILLS));
+            assert!(error.contains("last.png: is an input of the command"), "{error}");
+        }
+        Outputs::new(true).reading(at("a.png")).claim_folder(folder.path(), STILLS).unwrap();
+        // Under another name.
+        std::os::unix::fs::symlink(at("a.png"), at("frame-1.png")).unwrap();
+        let error = text(Outputs::new(true).reading(at("a.png")).claim_folder(folder.path(), STILLS));
+        assert!(error.contains("frame-1.png: is an input"), "{error}");
+        // An output of such a name beside the folder's own.
+        let mut outputs = Outputs::new(true);
+        outputs.claim(&at("frame-2.png")).unwrap();
+        assert!(text(outputs.claim_folder(folder.path(), STILLS)).contains("two outputs"));
     }
 
     #[test]

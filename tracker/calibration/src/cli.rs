@@ -7,6 +7,7 @@ mod fields;
 mod fixed;
 mod recorded;
 mod rig_file;
+mod stereo;
 mod stream;
 mod target;
 
@@ -52,7 +53,7 @@ pub enum Task {
     /// Calibrate the lens of one camera from pictures of a board, or from point lists.
     Intrinsics(target::IntrinsicsArgs),
     /// Calibrate lenses and poses of cameras that see the same board, from pairs of pictures or from point lists.
-    Stereo(target::StereoArgs),
+    Stereo(stereo::StereoArgs),
     /// Calibrate poses (and lenses) of cameras that see dots at known positions, from one point list or picture per
     /// camera.
     Dots(fixed::DotsArgs),
@@ -153,7 +154,7 @@ pub fn run(args: &CalibrateArgs) -> anyhow::Result<ExitCode> {
     args.task.claim()?;
     match &args.task {
         Task::Intrinsics(args) => target::intrinsics(args),
-        Task::Stereo(args) => target::stereo(args),
+        Task::Stereo(args) => stereo::stereo(args),
         Task::Dots(args) => fixed::fixed_dots(args),
         Task::Waved(args) => stream::waved(args),
         Task::Pivot(args) => stream::pivot(args),

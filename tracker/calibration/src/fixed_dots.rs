@@ -205,6 +205,8 @@ pub(crate) fn together(
         rms_px: rms(residuals.iter().copied()),
         sigma_px: (squares.sum::<f64>() / residuals.len().max(1) as f64).sqrt(),
         sigmas: all.iter().flat_map(|one| one.sigmas.clone()).collect(),
+        alone_px: 0.0,
+        doubt_px: all.iter().flat_map(|one| one.doubt_px.clone()).collect(),
         iterations: all.iter().map(|one| one.iterations).max().unwrap_or(0),
         left_out: all.iter().flat_map(|one| one.left_out.clone()).collect(),
         remarks: all.iter().flat_map(|one| one.remarks.clone()).collect(),

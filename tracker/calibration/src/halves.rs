@@ -45,6 +45,10 @@ pub fn rms_with(cameras: &[Camera], sheets: &[TargetView]) -> f64 {
 
 /// Fewest views, or dots of a camera, of which halves are made.
 const FEWEST: [usize; 2] = [6, 24];
+/// Fewest views that are held out one by one.
+const FEWEST_SINGLY: usize = 3;
+/// Few views say little: they must be predicted better by 2 % at least.
+const OF_FEW: f64 = 0.98;
 
 /// Root mean square residuals of what took no part, px.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,29 +57,56 @@ pub struct HeldOut {
     pub before_px: f64,
     /// With those that the other half gives.
     pub after_px: f64,
+    /// Share of the residual before that may be left after.
+    allowed: f64,
 }
 
 impl HeldOut {
-    /// True where what was there predicts better.
+    /// True if what was there predicts better, or of few views hardly worse.
     pub fn is_worse(&self) -> bool {
-        self.after_px.is_nan() || self.after_px > self.before_px
+        self.after_px.is_nan() || self.after_px > self.allowed * self.before_px
     }
 
-    /// Of views of a board: every second one, by `before` and by what `calibrated` makes of the others. `None` of too few
-    /// views, or where the others do not suffice.
+    /// Of views of a board: every second one, by `before` and by what `calibrated` makes of the others; of few views each
+    /// one in turn. `None` of too few views, or if the others do not suffice.
     pub fn of_views(
         before: &[Camera],
         sheets: &[TargetView],
-        calibrated: impl FnOnce(&[TargetView]) -> Result<Calibrated, CalibrationError>,
+        mut calibrated: impl FnMut(&[TargetView]) -> Result<Calibrated, CalibrationError>,
     ) -> Option<Self> {
         let views: BTreeSet<usize> = sheets.iter().map(|s| s.view).collect();
-        if views.len() < FEWEST[0] {
+        if views.len() < FEWEST_SINGLY {
             return None;
+        }
+        if views.len() < FEWEST[0] {
+            return HeldOut::of_single_views(before, sheets, &views, calibrated);
         }
         let judge = half(sheets, true);
         let learnt = calibrated(&half(sheets, false)).ok()?;
         let [before_px, after_px] = [before, &learnt.scene.cameras].map(|cameras| rms_with(cameras, &judge));
-        Some(HeldOut { before_px, after_px })
+        Some(HeldOut { before_px, after_px, allowed: 1.0 })
+    }
+
+    /// Each view in turn, by what `calibrated` makes of all others.
+    fn of_single_views(
+        before: &[Camera],
+        sheets: &[TargetView],
+        views: &BTreeSet<usize>,
+        mut calibrated: impl FnMut(&[TargetView]) -> Result<Calibrated, CalibrationError>,
+    ) -> Option<Self> {
+        let mut sums = [0.0; 2];
+        for &view in views {
+            let (judge, learn): (Vec<TargetView>, Vec<TargetView>) =
+                sheets.iter().cloned().partition(|s| s.view == view);
+            let learnt = calibrated(&learn).ok()?;
+            let points = judge.iter().map(|s| s.samples.len()).sum::<usize>() as f64;
+            for (sum, cameras) in sums.iter_mut().zip([before, &learnt.scene.cameras]) {
+                *sum += rms_with(cameras, &judge).powi(2) * points;
+            }
+        }
+        let points = sheets.iter().map(|s| s.samples.len()).sum::<usize>().max(1) as f64;
+        let [before_px, after_px] = sums.map(|sum| (sum / points).sqrt());
+        Some(HeldOut { before_px, after_px, allowed: OF_FEW })
     }
 
     /// Of dots that stay in place: every second one of each camera, as [`HeldOut::of_views`] has it. The world is the frame
@@ -100,6 +131,6 @@ impl HeldOut {
             let all = judge.iter().map(|s| s.samples.len()).sum::<usize>();
             if left.len() == all { rms(left.into_iter()) } else { f64::INFINITY }
         };
-        Some(HeldOut { before_px: left(before), after_px: left(&learnt.scene.cameras) })
+        Some(HeldOut { before_px: left(before), after_px: left(&learnt.scene.cameras), allowed: 1.0 })
     }
 }

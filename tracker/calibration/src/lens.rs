@@ -9,6 +9,8 @@ use rig::camera::Camera;
 pub const LENS: usize = 9;
 /// Their names, in order, as in a rig file.
 pub const LENS_NAMES: [&str; LENS] = ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"];
+/// Index of the first of its terms of distortion.
+pub const DISTORTION: usize = 4;
 /// Values of a camera's place: rotation (rad), translation (mm).
 pub const EXTRINSICS: usize = 6;
 

@@ -15,12 +15,14 @@ pub mod corners;
 pub mod dots;
 mod draws;
 pub mod drift_check;
+pub mod exchanged;
 pub mod fixed_dots;
 pub mod grey_image;
 pub mod grid;
 pub mod halves;
 pub mod known_target;
 pub mod lens;
+pub mod lens_doubt;
 pub mod linear;
 pub mod mend;
 pub mod multi_camera;
@@ -29,6 +31,8 @@ pub mod pivot;
 pub mod point_lists;
 pub mod pose_file;
 pub mod printed;
+pub mod relative_motion;
+pub mod repeats;
 pub mod report;
 pub mod residual_plot;
 pub mod rig_output;
@@ -37,6 +41,8 @@ pub mod self_calibration;
 pub mod solve;
 pub mod starts;
 pub mod target_problem;
+pub mod weak_terms;
+pub mod wrong_points;
 
 use target_problem::FEWEST_VIEWS;
 
@@ -58,6 +64,14 @@ pub enum CalibrationError {
     /// The least-squares problem has no solution.
     #[error(transparent)]
     Solve(#[from] solve::SolveError),
+}
+
+impl CalibrationError {
+    /// True if fewer unknowns may have a solution.
+    pub(crate) fn is_undetermined(&self) -> bool {
+        use solve::SolveError::{Endless, TooFew, Undetermined};
+        matches!(self, CalibrationError::Solve(Undetermined { .. } | Endless { .. } | TooFew { .. }))
+    }
 }
 
 /// The median of some values, of an even number of them the upper one; `None` of none.

@@ -8,8 +8,10 @@ use crate::lens::{
     EXTRINSICS, LENS, LENS_NAMES, by_extrinsics, by_pose, lens_of, move_extrinsics, move_pose, project,
     set_lens,
 };
+use crate::lens_doubt::over_picture_px;
 use crate::linear;
-use crate::solve::{Column, Loss, NormalEquations, Problem, Solution, SolveError, Unknown, solve};
+use crate::solve::{Column, Loss, NormalEquations, Problem, Solution, Unknown, solve};
+use crate::weak_terms::with_known_terms;
 use crate::{CalibrationError, median};
 use nalgebra::{
     DVector, Isometry3, Matrix3, Point3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3,
@@ -213,6 +215,12 @@ pub struct Calibrated {
     pub residuals: Vec<Residual>,
     /// Standard deviations of the nine values of each camera's lens (0: not free) and of its place.
     pub sigmas: Vec<[f64; LENS + EXTRINSICS]>,
+    /// By camera: standard deviation of its image points over the whole picture by what is not known of its lens, px
+    /// ([`crate::lens_doubt`]); 0 of a lens that is given.
+    pub doubt_px: Vec<f64>,
+    /// Standard deviation of one coordinate, px, if each camera is fitted without the others to the views that others saw
+    /// too; 0 of one camera, and if none was fitted so.
+    pub alone_px: f64,
     /// Root mean square length of the residuals, px.
     pub rms_px: f64,
     /// Standard deviation of one coordinate, from the residuals of the inliers, px.
@@ -245,12 +253,7 @@ pub fn with_weak_terms_held<T>(
             Ok(found) => return Ok((found, held)),
             Err(weak) => weak,
         };
-        let open = matches!(
-            weak,
-            CalibrationError::Solve(
-                SolveError::Undetermined { .. } | SolveError::Endless { .. } | SolveError::TooFew { .. }
-            )
-        );
+        let open = weak.is_undetermined();
         let Some(term) = DISPENSABLE.into_iter().find(|&term| open && free[term]) else { return Err(weak) };
         free[term] = false;
         held.push(term);
@@ -319,7 +322,10 @@ fn summary(problem: &TargetProblem<'_>, solution: Solution<Scene>) -> Calibrated
         sigmas[camera][value] = noise * solution.sigma(at);
     }
     let residuals = residuals(&solution.state, problem.sheets);
+    let doubt = |(c, camera)| over_picture_px(camera, &lens_covariance(problem, &solution, c, noise));
     Calibrated {
+        doubt_px: solution.state.cameras.iter().enumerate().map(doubt).collect(),
+        alone_px: 0.0,
         rms_px: rms(residuals.iter().copied()),
         sigma_px: noise * problem.sigma_px,
         sigmas,
@@ -331,10 +337,42 @@ fn summary(problem: &TargetProblem<'_>, solution: Solution<Scene>) -> Calibrated
     }
 }
 
+/// Covariance of the values of a camera's lens; 0 for those that are held.
+fn lens_covariance(
+    problem: &TargetProblem<'_>,
+    solution: &Solution<Scene>,
+    camera: usize,
+    noise: f64,
+) -> SMatrix<f64, LENS, LENS> {
+    let unknowns = shared_unknowns(&problem.free);
+    let own: Vec<(usize, usize)> = unknowns
+        .iter()
+        .enumerate()
+        .filter(|(_, u)| u.0 == camera && u.1 < LENS)
+        .map(|(at, u)| (at, u.1))
+        .collect();
+    let mut covariance = SMatrix::zeros();
+    for (&(a, i), &(b, j)) in own.iter().flat_map(|a| own.iter().map(move |b| (a, b))) {
+        covariance[(i, j)] = noise * noise * solution.covariance[(a, b)];
+    }
+    covariance
+}
+
 /// Standard deviation of a focal length, as a share of it, from which views do not fix it.
 const UNSURE: f64 = 0.05;
 /// Fewest views of a board from which a lens is calibrated; two would fix it on paper only.
 pub const FEWEST_VIEWS: usize = 3;
+
+/// Checks that a camera has views enough for its lens.
+///
+/// # Errors
+/// Fewer than [`FEWEST_VIEWS`] of targets that are all flat, or points on a line.
+pub fn check_views<'a>(own: impl Iterator<Item = &'a TargetView>) -> Result<(), CalibrationError> {
+    let flat = own.map(|s| Ok(linear::plane_of(&s.samples)?.is_some()));
+    let flat = flat.collect::<Result<Vec<bool>, CalibrationError>>()?;
+    let enough = flat.len() >= FEWEST_VIEWS || flat.contains(&false);
+    if enough { Ok(()) } else { Err(CalibrationError::TooFewViews(flat.len())) }
+}
 
 /// Calibrates one lens from views of a target: the parameters in `free`. Terms of its distortion that the views do not
 /// determine are held at zero and listed in [`Calibrated::left_out`].
@@ -349,34 +387,55 @@ pub fn calibrate_lens(
     robustness: Robustness,
     progress: &mut dyn FnMut(usize, f64),
 ) -> Result<Calibrated, CalibrationError> {
-    let all: Vec<&[Correspondence]> = sheets.iter().map(|s| s.samples.as_slice()).collect();
-    let plane = all.iter().map(|s| linear::plane_of(s)).collect::<Result<Vec<_>, _>>()?;
-    let in_space = plane.iter().position(Option::is_none);
-    let mut camera = match in_space {
-        Some(sheet) => linear::camera_from_dots(id, size_px, all[sheet])?,
-        None if sheets.len() < FEWEST_VIEWS => {
-            return Err(CalibrationError::TooFewViews(sheets.len()));
-        }
-        None => linear::lens_from_planes(id, size_px, &all)?,
-    };
-    (camera.camera_from_world, camera.translation_mm) = (Matrix3::identity(), Vector3::zeros());
-    let views = all.iter().map(|s| linear::target_in_camera(&camera, s)).collect::<Result<Vec<_>, _>>()?;
-    let sheets: Vec<TargetView> =
-        sheets.iter().enumerate().map(|(view, s)| TargetView { camera: 0, view, ..s.clone() }).collect();
-    let (found, held) = with_weak_terms_held(free.lens, |lens| {
-        let problem = TargetProblem::new(&sheets, vec![FreeParameters { lens, ..free }], false, sheets.len());
-        let start = Scene { cameras: vec![camera.clone()], views: views.clone() };
-        calibrate(problem, start, robustness, progress)
-    })?;
+    check_views(sheets.iter())?;
+    let found = lens_of_views(id, size_px, sheets, free, robustness, progress)?;
     // Views that fix no focal length still let a lens of few terms converge somewhere.
     let focal = found.scene.cameras[0].focal_px;
     let unsure = |axis: usize| free.lens[axis] && found.sigmas[0][axis] > UNSURE * focal[axis].abs();
-    if !held.is_empty() && (unsure(0) || unsure(1)) {
+    if !found.left_out.is_empty() && (unsure(0) || unsure(1)) {
         return Err(crate::degenerate(
             "the views do not fix the focal length: they are too alike; tilt the target differently in each",
         ));
     }
+    Ok(found)
+}
+
+/// As [`calibrate_lens`], also from two views of a board, as they are left when a third one is held out.
+///
+/// # Errors
+/// Degenerate views, or a problem without a solution.
+pub fn lens_of_views(
+    id: u32,
+    size_px: [u32; 2],
+    sheets: &[TargetView],
+    free: FreeParameters,
+    robustness: Robustness,
+    progress: &mut dyn FnMut(usize, f64),
+) -> Result<Calibrated, CalibrationError> {
+    let start = start_of_views(id, size_px, sheets)?;
+    let sheets: Vec<TargetView> =
+        sheets.iter().enumerate().map(|(view, s)| TargetView { camera: 0, view, ..s.clone() }).collect();
+    let (found, held) = with_known_terms(free.lens, |lens| {
+        let problem = TargetProblem::new(&sheets, vec![FreeParameters { lens, ..free }], false, sheets.len());
+        calibrate(problem, start.clone(), robustness, progress)
+    })?;
     Ok(Calibrated { left_out: held.into_iter().map(|term| (0, term)).collect(), ..found })
+}
+
+/// A camera without distortion at the origin and the places of the target before it, to begin with.
+///
+/// # Errors
+/// Degenerate views.
+pub fn start_of_views(id: u32, size_px: [u32; 2], sheets: &[TargetView]) -> Result<Scene, CalibrationError> {
+    let all: Vec<&[Correspondence]> = sheets.iter().map(|s| s.samples.as_slice()).collect();
+    let plane = all.iter().map(|s| linear::plane_of(s)).collect::<Result<Vec<_>, _>>()?;
+    let mut camera = match plane.iter().position(Option::is_none) {
+        Some(in_space) => linear::camera_from_dots(id, size_px, all[in_space])?,
+        None => linear::lens_from_planes(id, size_px, &all)?,
+    };
+    (camera.camera_from_world, camera.translation_mm) = (Matrix3::identity(), Vector3::zeros());
+    let views = all.iter().map(|s| linear::target_in_camera(&camera, s)).collect::<Result<Vec<_>, _>>()?;
+    Ok(Scene { cameras: vec![camera], views })
 }
 
 /// `camera_from_world` as an isometry.

@@ -67,10 +67,13 @@ fn pictures_of_two_cameras_become_a_rig_with_residual_pictures() {
         let picture = image::open(path(&format!("pictures/residuals_cam{id}.png"))).unwrap().into_rgb8();
         assert!(picture.pixels().filter(|p| p.0[0] > 150 && p.0[1] < 100).count() > 300, "vectors are drawn");
     }
-    // A lens into the rig that was just made.
+    // A lens into the rig that was just made, and whose lens was then turned.
+    let mut off = rig.clone();
+    (off.cameras[1].fx, off.cameras[1].fy) = (1.02 * rig.cameras[1].fx, 1.02 * rig.cameras[1].fy);
+    std::fs::write(path("off.json"), off.to_json()).unwrap();
     let lens = [
         words("intrinsics --json --board 9x6 --camera 1 --rig"),
-        vec![path("rig.json"), "-o".into(), path("new.json")],
+        vec![path("off.json"), "-o".into(), path("new.json")],
         pictures("right", &numbers),
     ];
     let told = report(&lens.concat());

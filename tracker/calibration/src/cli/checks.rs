@@ -3,10 +3,11 @@
 
 use crate::halves::HeldOut;
 use crate::lens::{LENS_NAMES, lens_of};
+use crate::linear::plane_of;
 use crate::report::Report;
-use crate::target_problem::{Calibrated, TargetView, robust_sigma};
-use anyhow::{Result, bail, ensure};
-use nalgebra::{Matrix2, Vector2};
+use crate::target_problem::{Calibrated, TargetView, camera_pose, robust_sigma};
+use anyhow::{Result, ensure};
+use nalgebra::{Matrix2, Vector2, Vector3};
 use rig::Rig;
 use rig::camera::Camera;
 
@@ -14,8 +15,14 @@ use rig::camera::Camera;
 const ASTRAY: (f64, f64) = (8.0, 3.0);
 /// Boards whose normals spread less than this, as sines, about their mean were tilted to one side.
 const ONE_SIDED: f64 = 0.1;
-/// Focal lengths less sure than the first share are worth a word, than the second are refused.
-const DOUBT: [f64; 2] = [0.01, 0.05];
+/// Boards whose normals spread less than this in every direction, as sines, lie in parallel planes.
+const PARALLEL: f64 = 0.05;
+/// Focal lengths less sure than the first are worth a word, than the second are refused, %.
+const DOUBT: [f64; 2] = [1.0, 5.0];
+/// The same for the lens over the whole picture, px.
+const DOUBT_PX: [f64; 2] = [0.8, 5.0];
+/// What to do about it.
+const TILT: &str = "tilt the board by 20° to 45°, to another side in each view";
 
 /// Refuses points outside of their cameras' pictures; `from` says where the sizes come from.
 pub fn inside(sheets: &[TargetView], sizes_px: &[[u32; 2]], from: &str) -> Result<()> {
@@ -69,30 +76,89 @@ pub fn remarks(found: &Calibrated, sheets: &[TargetView]) -> Vec<String> {
     held.chain(found.remarks.iter().cloned()).chain(astray).collect()
 }
 
-/// Looks at how boards were held for a lens: refuses one whose focal length is hardly known, and says where all boards
-/// were tilted to one side.
-pub fn held_well(found: &Calibrated) -> Result<Option<String>> {
-    let [fx, fy, ..] = lens_of(&found.scene.cameras[0]);
-    let doubt = (found.sigmas[0][0] / fx).abs().max((found.sigmas[0][1] / fy).abs());
-    let percent = 100.0 * doubt;
-    if !doubt.is_finite() || doubt > DOUBT[1] {
-        bail!(
-            "the views do not fix the focal length, which is known to {percent:.0} % only: tilt the board by 20° to 45°, to \
-             another side in each"
-        );
+/// How well boards were held for the lenses.
+#[derive(Debug, Default)]
+pub struct Determined {
+    /// What a person should do better.
+    pub notes: Vec<String>,
+    /// Why a lens is not determined.
+    pub refusals: Vec<String>,
+}
+
+/// Looks at how boards were held for each lens: names those that lie in parallel planes or are tilted to one side only, and
+/// lenses that are hardly known.
+pub fn determined(found: &Calibrated, sheets: &[TargetView]) -> Determined {
+    let mut all = Determined::default();
+    for (c, camera) in found.scene.cameras.iter().enumerate() {
+        let (id, [fx, fy, ..]) = (camera.id, lens_of(camera));
+        let focal = 100.0 * (found.sigmas[c][0] / fx).abs().max((found.sigmas[c][1] / fy).abs());
+        let doubt_px = found.doubt_px[c];
+        let [least, most] = tilts(found, sheets, c).unwrap_or([f64::INFINITY; 2]);
+        if most < PARALLEL {
+            all.refusals.push(format!(
+                "camera {id}: expected boards tilted differently, found all in parallel planes, which do not determine a \
+                 lens: {TILT}"
+            ));
+        } else if focal.is_nan() || focal > DOUBT[1] {
+            all.refusals.push(format!(
+                "camera {id}: the views do not fix the focal length, which is known to {focal:.0} % only: {TILT}"
+            ));
+        } else if doubt_px > DOUBT_PX[1] {
+            all.refusals.push(format!(
+                "camera {id}: the views do not determine the lens, whose image points are uncertain by {doubt_px:.1} px over \
+                 the picture: {TILT}, and fill the picture with them"
+            ));
+        } else if least < ONE_SIDED || focal > DOUBT[0] {
+            all.notes.push(format!(
+                "camera {id}: all boards are tilted about one axis or to one side; the focal length is known to {focal:.2} %: \
+                 tilt them to other sides, too"
+            ));
+        } else if doubt_px > DOUBT_PX[0] {
+            all.notes.push(format!(
+                "camera {id}: image points of the lens are uncertain by {doubt_px:.2} px over the picture: use more views, \
+                 which fill it"
+            ));
+        }
     }
-    let normals: Vec<Vector2<f64>> =
-        found.scene.views.iter().map(|v| (v.rotation * nalgebra::Vector3::z()).xy()).collect();
+    all
+}
+
+/// Smallest and largest spread of the normals of a camera's boards, as sines; `None` if a target in space was seen, which
+/// needs no tilt.
+fn tilts(found: &Calibrated, sheets: &[TargetView], camera: usize) -> Option<[f64; 2]> {
+    let to_camera = camera_pose(&found.scene.cameras[camera]);
+    let mut normals = Vec::new();
+    for sheet in sheets.iter().filter(|s| s.camera == camera) {
+        let plane = plane_of(&sheet.samples).ok()??;
+        let normal =
+            to_camera.rotation * found.scene.views[sheet.view].rotation * plane.rotation * Vector3::z();
+        // The side of a plane is arbitrary; boards are seen from the front.
+        normals.push((if normal.z < 0.0 { -normal } else { normal }).xy());
+    }
     let n = normals.len() as f64;
     let mean = normals.iter().sum::<Vector2<f64>>() / n;
     let spread = normals.iter().map(|v| (v - mean) * (v - mean).transpose()).sum::<Matrix2<f64>>() / n;
-    let one_sided = spread.symmetric_eigenvalues().min().max(0.0).sqrt() < ONE_SIDED;
-    Ok((one_sided || doubt > DOUBT[0]).then(|| {
-        format!(
-            "all boards are tilted about one axis or to one side; the focal length is known to {percent:.2} %: tilt them to \
-             other sides, too"
-        )
-    }))
+    let eigen = spread.symmetric_eigenvalues();
+    Some([eigen.min(), eigen.max()].map(|v| v.max(0.0).sqrt()))
+}
+
+/// Adds to a report how well the lenses are known.
+pub fn add_doubts(found: &Calibrated, report: &mut Report) {
+    for (camera, &doubt_px) in found.scene.cameras.iter().zip(&found.doubt_px).filter(|(_, px)| **px > 0.0) {
+        let name = format!("camera {}: deviation of the lens over the picture", camera.id);
+        report.figure(name, doubt_px, "px");
+    }
+}
+
+/// Why a calibration is not compared with a rig.
+#[derive(Debug)]
+pub enum NotCompared {
+    /// The rig is only a template.
+    OtherCameras,
+    /// Views are too few to hold some out.
+    TooFewViews,
+    /// Dots are.
+    TooFewDots,
 }
 
 /// What the cameras of `rig` and those by one half of what was seen leave of the other half; `None`, and why, where they
@@ -100,27 +166,33 @@ pub fn held_well(found: &Calibrated) -> Result<Option<String>> {
 pub fn beside(
     rig: &Rig,
     sizes_px: &[[u32; 2]],
-    compared: impl FnOnce(&[Camera]) -> Option<HeldOut>,
-) -> Result<HeldOut, String> {
+    compared: impl FnOnce(&[Camera]) -> Result<HeldOut, NotCompared>,
+) -> Result<HeldOut, NotCompared> {
     let before = rig.cameras();
     let sizes: Vec<[u32; 2]> = before.iter().map(|c| c.size_px).collect();
     if sizes != sizes_px {
-        return Err("not compared with the rig, whose cameras differ in number or size".into());
+        return Err(NotCompared::OtherCameras);
     }
     compared(&before)
-        .ok_or_else(|| "not compared with the rig: halves of what was seen are too little".into())
 }
 
 /// Adds to a report what is left of held-out points; returns why nothing is written where the rig predicts them better.
-pub fn judged(held_out: Option<Result<HeldOut, String>>, report: &mut Report) -> Option<String> {
+pub fn judged(held_out: Option<Result<HeldOut, NotCompared>>, report: &mut Report) -> Option<String> {
     let held_out = match held_out? {
         Ok(held_out) => held_out,
-        Err(note) => {
-            report.notes.push(note);
+        Err(NotCompared::OtherCameras) => {
+            report.notes.push("not compared with the rig, whose cameras differ in number or size".into());
             return None;
         }
+        Err(NotCompared::TooFewDots) => {
+            report.notes.push("not compared with the rig: halves of what was seen are too little".into());
+            return None;
+        }
+        Err(NotCompared::TooFewViews) => {
+            return Some("expected views of which some can be held out, to compare with the rig as given, found too few".into());
+        }
     };
-    let HeldOut { before_px, after_px } = held_out;
+    let HeldOut { before_px, after_px, .. } = held_out;
     if before_px.is_infinite() {
         report
             .notes
@@ -131,7 +203,8 @@ pub fn judged(held_out: Option<Result<HeldOut, String>>, report: &mut Report) ->
     report.figure("residual of held-out points, calibrated", after_px, "px");
     held_out.is_worse().then(|| {
         format!(
-            "the rig as given predicts held-out points better: residual {before_px:.3} px, calibrated {after_px:.3} px"
+            "the rig as given predicts held-out points {}: residual {before_px:.3} px, calibrated {after_px:.3} px",
+            if after_px < before_px { "about as well, and views are few" } else { "better" }
         )
     })
 }

@@ -1,5 +1,6 @@
 //! Calibrations that look at dots of known places: `dots`.
 
+use super::checks::NotCompared;
 use super::dots_checks::{self, Source};
 use super::target::{finish, report_of};
 use super::{OutputArgs, SolveArgs, checks, pair, progress, recorded, short, with_spinner};
@@ -300,7 +301,7 @@ pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
         let sizes_px: Vec<[u32; 2]> = before.iter().map(CameraPrior::size_px).collect();
         checks::beside(template, &sizes_px, |cameras| {
             let learnt = |half: &[TargetView]| calibrate_on_dots(before, half, free, loss, &mut |_, _| {});
-            HeldOut::of_dots(cameras, &sheets, learnt)
+            HeldOut::of_dots(cameras, &sheets, learnt).ok_or(NotCompared::TooFewDots)
         })
     });
     finish(&args.output, report, &found, held_out, || Ok(rig_with(template, &found.scene.cameras)?.to_json()))

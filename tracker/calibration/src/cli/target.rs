@@ -1,6 +1,6 @@
-//! Calibrations that look at a board: `intrinsics`, `stereo`.
+//! The calibration of one lens on a board, `intrinsics`, and what all calibrations on targets share.
 
-use super::checks;
+use super::checks::{self, Determined, NotCompared};
 use super::recorded::{self, EveryArgs};
 use super::{OutputArgs, SolveArgs, pair, positive, progress, short, with_spinner};
 use crate::board::{Board, Pattern, Target};
@@ -8,18 +8,16 @@ use crate::charuco::CharucoBoard;
 use crate::grey_image::GreyImage;
 use crate::halves::HeldOut;
 use crate::linear::plane_of;
-use crate::multi_camera::{LensMode, calibrate_cameras};
-use crate::point_lists;
 use crate::report::{Report, camera_report, view_reports};
-use crate::rig_output::{rig_camera, rig_with, rig_with_lens};
-use crate::target_problem::{Calibrated, FreeParameters, TargetView, calibrate_lens};
+use crate::rig_output::{rig_camera, rig_with_lens};
+use crate::target_problem::{Calibrated, FreeParameters, TargetView, calibrate_lens, lens_of_views};
+use crate::{point_lists, repeats, wrong_points};
 use anyhow::{Context, bail, ensure};
 use fpga_model::input::whole::is_recording;
 use ipc::logging::warn;
 use outputs::exit::{DIFFERS, WrongUse};
 use rig::Rig;
 use rig::camera::Camera;
-use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -100,58 +98,20 @@ pub struct IntrinsicsArgs {
     pub output: OutputArgs,
 }
 
-/// Arguments of `vitreo calibrate stereo`.
-#[derive(Debug, Clone, clap::Args)]
-pub struct StereoArgs {
-    /// Pictures of the first camera, or a recording (.mcap).
-    #[arg(long, value_name = "PICTURE", num_args = 1.., required_unless_present = "points", help_heading = "Pictures")]
-    pub left: Vec<PathBuf>,
-    /// Pictures of the second camera at the same instants, in the same order, or the same recording.
-    #[arg(long, value_name = "PICTURE", num_args = 1.., required_unless_present = "points", help_heading = "Pictures")]
-    pub right: Vec<PathBuf>,
-    #[command(flatten)]
-    pub every: EveryArgs,
-    /// Ids of the first and second camera in a recording.
-    #[arg(long, value_name = "ID", num_args = 2, default_values_t = [0, 1], help_heading = "Pictures")]
-    pub recorded: Vec<u32>,
-    /// Point lists instead of pictures, one per camera for two or more cameras; views with the same name were taken at
-    /// the same time.
-    #[arg(
-        long, value_name = "FILE", num_args = 2.., requires = "size", conflicts_with_all = ["left", "right"],
-        help_heading = "Pictures"
-    )]
-    pub points: Vec<PathBuf>,
-    /// Size in px of the pictures from which the point lists were made.
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair, help_heading = "Pictures")]
-    pub size: Option<[u32; 2]>,
-    #[command(flatten)]
-    pub board: BoardArgs,
-    /// Do not refine the lenses with the poses: keep those of --rig, or without it those found for each camera alone.
-    #[arg(long, help_heading = "Solver")]
-    pub keep_lenses: bool,
-    /// Rig whose cameras are replaced; its markers and dimensions stay [default: the shipped rig].
-    #[arg(long, value_name = "RIG.json")]
-    pub rig: Option<PathBuf>,
-    #[command(flatten)]
-    pub solve: SolveArgs,
-    #[command(flatten)]
-    pub output: OutputArgs,
-}
-
 /// Fewest points of a view in a list; a homography has eight unknowns and a pose six more.
 const FEWEST_POINTS: usize = 6;
 
 /// What cameras saw.
-struct Views {
-    sheets: Vec<TargetView>,
+pub(super) struct Views {
+    pub(super) sheets: Vec<TargetView>,
     /// Size of the pictures of each camera, px.
-    sizes_px: Vec<[u32; 2]>,
+    pub(super) sizes_px: Vec<[u32; 2]>,
     /// What was passed over.
-    notes: Vec<String>,
+    pub(super) notes: Vec<String>,
 }
 
 /// Takes out views that cannot hold a pose, and says which.
-fn pass_over_weak(sheets: &mut Vec<TargetView>) -> Vec<String> {
+pub(super) fn pass_over_weak(sheets: &mut Vec<TargetView>) -> Vec<String> {
     let mut notes = Vec::new();
     sheets.retain(|sheet| {
         let n = sheet.samples.len();
@@ -193,7 +153,7 @@ impl Search<'_> {
 }
 
 /// Boards in pictures, or in those of camera `id` in a recording.
-fn views_of_pictures(
+pub(super) fn views_of_pictures(
     pictures: &[PathBuf],
     board: &Target,
     camera: usize,
@@ -222,13 +182,6 @@ fn views_of_pictures(
         bail!("the board was not found in any of {} pictures: {first}", notes.len());
     }
     Ok(Views { sheets, sizes_px: vec![size.context("no picture")?], notes })
-}
-
-/// Numbers views from 0 without gaps, as pictures of a recording are not.
-fn renumber(sheets: &mut [TargetView]) {
-    let views: BTreeSet<usize> = sheets.iter().map(|sheet| sheet.view).collect();
-    let place = |view: usize| views.range(..view).count();
-    sheets.iter_mut().for_each(|sheet| sheet.view = place(sheet.view));
 }
 
 /// Views of the point lists of one camera.
@@ -268,7 +221,7 @@ fn views_of_camera(args: &IntrinsicsArgs) -> anyhow::Result<Views> {
     if args.points.is_empty() {
         let from = (args.camera, args.every);
         let mut views = views_of_pictures(&args.pictures, &args.board.board()?, 0, from)?;
-        renumber(&mut views.sheets);
+        repeats::number_anew(&mut views.sheets);
         return Ok(views);
     }
     let size = args.size.context("--size is needed with --points")?;
@@ -280,31 +233,49 @@ fn views_of_camera(args: &IntrinsicsArgs) -> anyhow::Result<Views> {
     Ok(Views { sheets, sizes_px: vec![size], notes })
 }
 
+/// Takes out of views what says nothing of the lens: wrong points, and views that repeat another one.
+pub(super) fn sift(views: &mut Views) {
+    let Views { sheets, sizes_px, notes } = views;
+    notes.extend(wrong_points::take_out(sheets, sizes_px));
+    notes.extend(repeats::take_out(sheets));
+}
+
+/// What was passed over, after the message of an error that it may explain.
+pub(super) fn with_notes(problem: impl Into<anyhow::Error>, notes: &[String]) -> anyhow::Error {
+    let problem = problem.into();
+    if notes.is_empty() { problem } else { anyhow::anyhow!("{problem}; {}", notes.join("; ")) }
+}
+
 /// Runs `vitreo calibrate intrinsics`.
 ///
 /// # Errors
 /// Pictures, lists or a rig that cannot be read, too few or degenerate views, or no solution.
 pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
-    let Views { sheets, sizes_px, mut notes } = views_of_camera(args)?;
+    let mut views = views_of_camera(args)?;
     let rig = args.rig.as_deref().map(Rig::load).transpose()?;
     let before = rig.as_ref().and_then(|rig| rig.cameras().into_iter().find(|c| c.id == args.camera));
     if let Some(Camera { id, size_px, .. }) = &before {
-        let ([w, h], [x, y]) = (*size_px, sizes_px[0]);
+        let ([w, h], [x, y]) = (*size_px, views.sizes_px[0]);
         ensure!(
             [x, y] == [w, h],
             "expected pictures of {w}×{h} px, as camera {id} of the rig has, found {x}×{y}"
         );
     }
-    let free = FreeParameters { lens: args.solve.free(), place: false };
-    let lens = |sheets: &[TargetView], tell: &mut dyn FnMut(usize, f64)| {
-        calibrate_lens(args.camera, sizes_px[0], sheets, free, args.solve.loss, tell)
-    };
-    let found = with_spinner("least squares", |tell| lens(&sheets, tell))?;
+    sift(&mut views);
+    let Views { sheets, sizes_px, mut notes } = views;
+    let (free, loss) = (FreeParameters { lens: args.solve.free(), place: false }, args.solve.loss);
+    let found = with_spinner("least squares", |tell| {
+        calibrate_lens(args.camera, sizes_px[0], &sheets, free, loss, tell)
+    });
+    let found = found.map_err(|problem| with_notes(problem, &notes))?;
     notes.extend(checks::remarks(&found, &sheets));
-    notes.extend(checks::held_well(&found)?);
+    let Determined { notes: doubts, refusals } = checks::determined(&found, &sheets);
+    ensure!(refusals.is_empty(), "{}", refusals.join("; "));
+    notes.extend(doubts);
     let held_out = before.as_ref().filter(|_| args.output.output.is_some()).map(|before| {
-        HeldOut::of_views(std::slice::from_ref(before), &sheets, |half| lens(half, &mut |_, _| {}))
-            .ok_or_else(|| "not compared with the rig's lens: the views are too few for halves".to_owned())
+        let learnt =
+            |part: &[TargetView]| lens_of_views(args.camera, sizes_px[0], part, free, loss, &mut |_, _| {});
+        HeldOut::of_views(std::slice::from_ref(before), &sheets, learnt).ok_or(NotCompared::TooFewViews)
     });
     let camera = &found.scene.cameras[0];
     let json = match &rig {
@@ -313,105 +284,40 @@ pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
             .with_context(|| format!("--camera {}: the rig has no such camera", args.camera))?
             .to_json(),
     };
-    let report = report_of("intrinsics", &found, &sheets, notes);
+    let mut report = report_of("intrinsics", &found, &sheets, notes);
+    checks::add_doubts(&found, &mut report);
     finish(&args.output, report, &found, held_out, || Ok(json))
-}
-
-/// Boards of two cameras' pictures.
-fn views_of_pairs(args: &StereoArgs) -> anyhow::Result<Views> {
-    let (l, r) = (args.left.len(), args.right.len());
-    ensure!(l == r, "expected as many right as left pictures, found {l} left and {r} right");
-    let board = args.board.board()?;
-    let [first, second] = [args.recorded[0], args.recorded[1]].map(|id| (id, args.every));
-    let mut views = views_of_pictures(&args.left, &board, 0, first)?;
-    let right = views_of_pictures(&args.right, &board, 1, second)?;
-    views.sheets.extend(right.sheets);
-    views.sizes_px.extend(right.sizes_px);
-    views.notes.extend(right.notes);
-    renumber(&mut views.sheets);
-    Ok(views)
-}
-
-/// Views of several cameras' point lists, put together by their names.
-fn views_of_cameras(args: &StereoArgs) -> anyhow::Result<Views> {
-    let size = args.size.context("--size is needed with --points")?;
-    let (mut sheets, mut names) = (Vec::new(), Vec::<String>::new());
-    for (camera, path) in args.points.iter().enumerate() {
-        for view in point_lists::load(path)? {
-            let at = names.iter().position(|n| *n == view.name).unwrap_or(names.len());
-            if at == names.len() {
-                names.push(view.name.clone());
-            }
-            let name = format!("{} {}", short(path), view.name);
-            sheets.push(TargetView { name, camera, view: at, samples: view.samples });
-        }
-    }
-    let notes = pass_over_weak(&mut sheets);
-    let sizes_px = vec![size; args.points.len()];
-    checks::inside(&sheets, &sizes_px, "--size")?;
-    Ok(Views { sheets, sizes_px, notes })
-}
-
-/// Runs `vitreo calibrate stereo`.
-///
-/// # Errors
-/// As [`intrinsics`]; cameras that share no views.
-pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
-    let template = Rig::load_or_shipped(args.rig.as_deref())?;
-    let Views { sheets, sizes_px, mut notes } =
-        if args.points.is_empty() { views_of_pairs(args)? } else { views_of_cameras(args)? };
-    let (free, loss) = (args.solve.free(), args.solve.loss);
-    let lenses = match (args.keep_lenses, &args.rig) {
-        (false, _) => LensMode::Refined,
-        (true, None) => LensMode::Held,
-        (true, Some(_)) => LensMode::Given(template.cameras()),
-    };
-    if let LensMode::Given(cameras) = &lenses {
-        let (known, seen) = (cameras.len(), sizes_px.len());
-        ensure!(known == seen, "--keep-lenses: expected a rig of {seen} cameras, found {known}");
-    }
-    let found = with_spinner("least squares", |tell| {
-        calibrate_cameras(&sizes_px, &sheets, free, &lenses, loss, tell)
-    })?;
-    notes.push("the world is the frame of the first camera".into());
-    notes.extend(checks::remarks(&found, &sheets));
-    let mut report = report_of("stereo", &found, &sheets, notes);
-    for camera in &found.scene.cameras[1..] {
-        let name = format!("baseline from camera 0 to camera {} (squares without --pitch)", camera.id);
-        report.figure(name, camera.centre_in_world().coords.norm(), "mm");
-    }
-    let compared = args.rig.as_ref().filter(|_| args.output.output.is_some());
-    let held_out = compared.map(|_| {
-        checks::beside(&template, &sizes_px, |before| {
-            let learnt =
-                |half: &[TargetView]| calibrate_cameras(&sizes_px, half, free, &lenses, loss, &mut |_, _| {});
-            HeldOut::of_views(before, &sheets, learnt)
-        })
-    });
-    finish(
-        &args.output,
-        report,
-        &found,
-        held_out,
-        || Ok(rig_with(&template, &found.scene.cameras)?.to_json()),
-    )
 }
 
 /// Prints the report and writes the result, unless the rig as it was predicts held-out points better.
 pub(super) fn finish(
     out: &OutputArgs,
-    mut report: Report,
+    report: Report,
     found: &Calibrated,
-    held_out: Option<Result<HeldOut, String>>,
+    held_out: Option<Result<HeldOut, NotCompared>>,
     json: impl FnOnce() -> anyhow::Result<String>,
 ) -> anyhow::Result<ExitCode> {
-    let worse = checks::judged(held_out, &mut report);
-    if let Some(why) = &worse {
-        report.notes.push(format!("nothing was written: {why}"));
-    }
+    finish_unless(Vec::new(), out, report, found, held_out, json)
+}
+
+/// As [`finish`]; nothing is written if there are `refusals` already.
+pub(super) fn finish_unless(
+    mut refusals: Vec<String>,
+    out: &OutputArgs,
+    mut report: Report,
+    found: &Calibrated,
+    held_out: Option<Result<HeldOut, NotCompared>>,
+    json: impl FnOnce() -> anyhow::Result<String>,
+) -> anyhow::Result<ExitCode> {
+    refusals.extend(checks::judged(held_out, &mut report));
+    let refused = (!refusals.is_empty()).then(|| {
+        let kept = if out.output.is_some() { "nothing was written: " } else { "" };
+        format!("{kept}{}", refusals.join("; "))
+    });
+    report.notes.extend(refused.clone());
     out.print(&report, &found.scene.cameras, &found.residuals)?;
-    if let Some(why) = worse {
-        warn(&format!("nothing was written: {why}"));
+    if let Some(refused) = refused {
+        warn(&refused);
         return Ok(ExitCode::from(DIFFERS));
     }
     if out.output.is_some() {
