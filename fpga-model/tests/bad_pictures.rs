@@ -143,7 +143,7 @@ fn arguments_out_of_range_are_wrong_use() {
     ] {
         assert_eq!(program(args).status.code(), Some(2), "{args:?}");
     }
-    refused(&[("c.toml", b"format = 3")], &["--colours", "c.toml", "x.png"], 1, &["c.toml: "]);
+    refused(&[("c.toml", b"format = 3")], &["--colours", "c.toml", "x.png"], 1, &["c.toml, line 1: "]);
 }
 
 #[test]

@@ -3,16 +3,22 @@
 
 use std::fmt::Display;
 
-/// The line and the message of a TOML error, such as `line 3: missing key title`.
+/// The line, the key and the message of a TOML error, such as `line 3: size: expected a number, found "x"`.
 pub fn toml(text: &str, error: &toml::de::Error) -> String {
     let message = in_words(error.message());
-    match error.span() {
-        Some(at) => {
-            let before = text.as_bytes().iter().take(at.start);
-            format!("line {}: {message}", 1 + before.filter(|b| **b == b'\n').count())
-        }
-        None => message,
-    }
+    let Some(at) = error.span() else { return message };
+    let before = text.as_bytes().iter().take(at.start);
+    let line = before.filter(|b| **b == b'\n').count();
+    let key = text.lines().nth(line).and_then(key_of).filter(|_| message.starts_with("expected "));
+    let key = key.map_or(String::new(), |key| format!("{key}: "));
+    format!("line {}: {key}{message}", line + 1)
+}
+
+/// The key of a line `key = value`.
+fn key_of(line: &str) -> Option<&str> {
+    let key = line.split_once('=')?.0.trim();
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
+    (!key.is_empty() && key.chars().all(is_plain)).then_some(key)
 }
 
 /// The same of an error of `serde_json`, which ends in ` at line 3 column 7`.
@@ -113,15 +119,15 @@ mod tests {
         let cases = [
             ("title = 'a'\nsise = 3\n", "line 2: unknown key sise; expected one of title, size, count, kind"),
             ("title = 'a'\n", "line 1: missing key size"),
-            ("size = [1, 2]\ntitle = 5\n", "line 2: expected a text in quotes, found 5"),
-            ("title = 'a'\nsize = 'x'\n", "line 2: expected a list of 2 values, found \"x\""),
-            ("title = 'a'\nsize = [1]\n", "line 2: expected a list of 2 values, found 1 values"),
-            ("title = 'a'\nsize = [1, 'b']\n", "line 2: expected a number, found \"b\""),
+            ("size = [1, 2]\ntitle = 5\n", "line 2: title: expected a text in quotes, found 5"),
+            ("title = 'a'\nsize = 'x'\n", "line 2: size: expected a list of 2 values, found \"x\""),
+            ("title = 'a'\nsize = [1]\n", "line 2: size: expected a list of 2 values, found 1 values"),
+            ("title = 'a'\nsize = [1, 'b']\n", "line 2: size: expected a number, found \"b\""),
             (
                 "title = 'a'\nsize = [1, 2]\ncount = -1\n",
-                "line 3: expected a whole number from 0 on, found -1",
+                "line 3: count: expected a whole number from 0 on, found -1",
             ),
-            ("title = 'a'\nsize = [1, 2]\nkind = 'pink'\n", "line 3: expected red or blue, found pink"),
+            ("title = 'a'\nsize = [1, 2]\nkind = 'pink'\n", "line 3: kind: expected red or blue, found pink"),
             ("title = 'a'\ntitle = 'b'\n", "line 2: duplicate key"),
             ("title = [\n", "line 1: unclosed array, expected ]"),
         ];
@@ -141,7 +147,7 @@ mod tests {
         assert_eq!(of("{\"title\": 5}"), "line 1, column 11: expected a text in quotes, found 5");
         assert_eq!(
             of("{\"title\": \"a\", \"size\": [1, 2, 3]}"),
-            "line 1, column 30: more than was expected"
+            "line 1, column 31: more than was expected"
         );
         let error = serde_json::from_str::<File>("{").unwrap_err();
         assert_eq!(json_message(&error), "EOF while parsing an object");

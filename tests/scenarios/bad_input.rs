@@ -1,5 +1,6 @@
 //! Wrong input ends with a clear message and the right exit code.
 
+use results::store::Store;
 use std::io::{BufRead, BufReader};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
@@ -213,6 +214,8 @@ fn a_store_that_cannot_be_used_is_named_with_its_reason() {
     let path = folder.path().join("r.sqlite");
     let store = path.display().to_string();
     refused(&["results", "add", "t7", "none.mcap", "--store", &store], &["none.mcap"]);
+    assert!(!path.exists(), "nothing could be added, so no store is made");
+    drop(Store::open_or_create(&path).expect("a store"));
     vitreo(&["results", "--store", &store]).expect_code(0);
     let whole = std::fs::read(&path).expect("a store was made");
     let show: [&[&str]; 2] =

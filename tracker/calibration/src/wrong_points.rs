@@ -4,6 +4,7 @@
 //! A least median of squares (Rousseeuw 1984) over planes through four points each, which up to half of the points may
 //! disturb. Only points that no distortion of a lens explains are taken out; nearer ones are left to the robust loss.
 
+use crate::draws::Draws;
 use crate::linear::{homography, plane_of};
 use crate::median;
 use crate::target_problem::{Correspondence, TargetView};
@@ -66,8 +67,8 @@ fn distances(samples: &[Correspondence]) -> Option<Vec<f64>> {
     let pairs: Vec<Pair> =
         samples.iter().map(|s| (plane.inverse_transform_point(&s.point).coords.xy(), s.pixel)).collect();
     // Most views have no wrong point, and the plane through all of them shows it.
-    let mut draw = Draw(pairs.len() as u64);
-    let four = (0..TRIALS).map(|_| draw.four(&pairs));
+    let mut draws = Draws::new(pairs.len() as u64);
+    let four = (0..TRIALS).map(|_| draws.distinct::<4>(pairs.len()).map(|i| pairs[i]));
     let of = |h: Matrix3<f64>| pairs.iter().map(|p| distance(&h, p)).collect::<Vec<f64>>();
     let tried = four.filter_map(|four| Some(of(homography(&four).ok()?)));
     let typical = |off: &[f64]| median(off.iter().copied()).unwrap_or(f64::INFINITY);
@@ -84,18 +85,4 @@ fn distance(h: &Matrix3<f64>, (plane, pixel): &Pair) -> f64 {
     let image = h * plane.push(1.0);
     let off = (image.xy() / image.z - pixel).norm();
     if off.is_finite() { off } else { f64::INFINITY }
-}
-
-/// Numbers that are the same on every machine (Knuth's MMIX generator).
-struct Draw(u64);
-
-impl Draw {
-    fn below(&mut self, n: usize) -> usize {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        ((self.0 >> 33) as usize) % n
-    }
-
-    fn four(&mut self, pairs: &[Pair]) -> [Pair; 4] {
-        std::array::from_fn(|_| pairs[self.below(pairs.len())])
-    }
 }

@@ -3,6 +3,7 @@
 
 mod agreement;
 mod due;
+mod finding;
 mod residual_table;
 mod residuals;
 mod summary;
@@ -10,7 +11,8 @@ mod tracking;
 mod watch;
 
 pub use due::{Due, is_loss};
+pub use finding::Finding;
 pub use residual_table::{ResidualRow, ResidualTable};
 pub use summary::{BodySummary, Summary};
-pub use tracking::{BodyFigures, CameraFigures, Finding, Tracking, TrackingFigures, untracked};
+pub use tracking::{BodyFigures, CameraFigures, Tracking, TrackingFigures, untracked};
 pub use watch::{Judged, Warning, Watch, warned, with_judged};

@@ -1,7 +1,7 @@
 //! Findings that last, from when to when.
 
 use crate::Finding;
-use crate::tracking::{CHECK_MARKERS, DISAGREE, FASTEN, NEVER, PLACE_OF, RECALIBRATE};
+use crate::finding::{CHECK_MARKERS, DISAGREE, FASTEN, NEVER, PLACE_OF, RECALIBRATE};
 use serde::Serialize;
 
 /// Periods in a row for which something must be wrong before it is reported.
