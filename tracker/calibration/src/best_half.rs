@@ -57,10 +57,19 @@ pub struct BestHalf {
 /// The best halves for right-handed and for left-handed positions of the points; each `None` if no projection of that
 /// kind was drawn. In pictures of little perspective, both can fit.
 pub fn best_halves(samples: &[Correspondence]) -> [Option<BestHalf>; 2] {
-    let Ok(plane) = plane_of(samples) else { return [None, None] };
-    if samples.len() < FEWEST {
-        return [None, None];
+    match plane_of(samples) {
+        Ok(plane) if samples.len() >= FEWEST => halves_of(samples, plane.as_ref()),
+        _ => [None, None],
     }
+}
+
+/// The best half of points of a plane, of which there are at least four; `None` if no four of them show it.
+pub fn best_half_of_plane(samples: &[Correspondence], world_from_plane: &Isometry3<f64>) -> Option<BestHalf> {
+    let [half, _] = halves_of(samples, Some(world_from_plane));
+    half
+}
+
+fn halves_of(samples: &[Correspondence], plane: Option<&Isometry3<f64>>) -> [Option<BestHalf>; 2] {
     let mut draws = Draws::new(samples.len() as u64);
     let mut drawn: [Vec<(f64, Projection)>; 2] = Default::default();
     for _ in 0..DRAWS {
@@ -68,14 +77,14 @@ pub fn best_halves(samples: &[Correspondence]) -> [Option<BestHalf>; 2] {
             None => draws.distinct::<{ MINIMAL.0 }>(samples.len()).map(|i| samples[i]).into(),
             Some(_) => draws.distinct::<{ MINIMAL.1 }>(samples.len()).map(|i| samples[i]).into(),
         };
-        if let Some((projection, is_mirrored)) = through(&minimal, plane.as_ref()) {
+        if let Some((projection, is_mirrored)) = through(&minimal, plane) {
             let cost = half_of(&projection, samples).1;
             keep(&mut drawn[usize::from(is_mirrored)], cost, projection);
         }
     }
     let [right, left] = drawn;
     [(right, false), (left, true)].map(|(kept, is_mirrored)| {
-        let fit = |projection| fitted(projection, is_mirrored, samples, plane.as_ref());
+        let fit = |projection| fitted(projection, is_mirrored, samples, plane);
         kept.into_iter().map(|(_, p)| fit(p)).min_by(|a, b| a.rms_px.total_cmp(&b.rms_px))
     })
 }

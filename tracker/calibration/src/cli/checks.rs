@@ -89,38 +89,44 @@ pub struct Determined {
 /// lenses that are hardly known.
 pub fn determined(found: &Calibrated, sheets: &[TargetView]) -> Determined {
     let mut all = Determined::default();
-    for (c, camera) in found.scene.cameras.iter().enumerate() {
+    (0..found.scene.cameras.len()).for_each(|c| all.add(found, sheets, c));
+    all
+}
+
+impl Determined {
+    /// Looks at one camera's lens.
+    fn add(&mut self, found: &Calibrated, sheets: &[TargetView], c: usize) {
+        let camera = &found.scene.cameras[c];
         let (id, [fx, fy, ..]) = (camera.id, lens_of(camera));
         let focal = 100.0 * (found.sigmas[c][0] / fx).abs().max((found.sigmas[c][1] / fy).abs());
         let doubt_px = found.doubt_px[c];
         let [least, most] = tilts(found, sheets, c).unwrap_or([f64::INFINITY; 2]);
         if most < PARALLEL {
-            all.refusals.push(format!(
+            self.refusals.push(format!(
                 "camera {id}: expected boards tilted differently, found all in parallel planes, which do not determine a \
                  lens: {TILT}"
             ));
         } else if focal.is_nan() || focal > DOUBT[1] {
-            all.refusals.push(format!(
+            self.refusals.push(format!(
                 "camera {id}: the views do not fix the focal length, which is known to {focal:.0} % only: {TILT}"
             ));
         } else if doubt_px > DOUBT_PX[1] {
-            all.refusals.push(format!(
+            self.refusals.push(format!(
                 "camera {id}: the views do not determine the lens, whose image points are uncertain by {doubt_px:.1} px over \
                  the picture: {TILT}, and fill the picture with them"
             ));
         } else if least < ONE_SIDED || focal > DOUBT[0] {
-            all.notes.push(format!(
+            self.notes.push(format!(
                 "camera {id}: all boards are tilted about one axis or to one side; the focal length is known to {focal:.2} %: \
                  tilt them to other sides, too"
             ));
         } else if doubt_px > DOUBT_PX[0] {
-            all.notes.push(format!(
+            self.notes.push(format!(
                 "camera {id}: image points of the lens are uncertain by {doubt_px:.2} px over the picture: use more views, \
                  which fill it"
             ));
         }
     }
-    all
 }
 
 /// Smallest and largest spread of the normals of a camera's boards, as sines; `None` if a target in space was seen, which
