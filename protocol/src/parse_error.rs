@@ -7,11 +7,15 @@ use std::fmt::Display;
 pub fn toml(text: &str, error: &toml::de::Error) -> String {
     let message = in_words(error.message());
     let Some(at) = error.span() else { return message };
-    let before = text.as_bytes().iter().take(at.start);
-    let line = before.filter(|b| **b == b'\n').count();
-    let key = text.lines().nth(line).and_then(key_of).filter(|_| message.starts_with("expected "));
+    let line = line_of(text, at.start);
+    let key = text.lines().nth(line - 1).and_then(key_of).filter(|_| message.starts_with("expected "));
     let key = key.map_or(String::new(), |key| format!("{key}: "));
-    format!("line {}: {key}{message}", line + 1)
+    format!("line {line}: {key}{message}")
+}
+
+/// The line of a byte of a text, from 1.
+pub fn line_of(text: &str, at: usize) -> usize {
+    1 + text.as_bytes().iter().take(at).filter(|b| **b == b'\n').count()
 }
 
 /// The key of a line `key = value`.
@@ -57,7 +61,12 @@ fn in_words(message: &str) -> String {
         .or_else(|| expected_found(strip("unknown variant ")?, &|found| found.to_owned()))
         .or_else(|| expected_found(strip("invalid type: ")?, &found_value))
         .or_else(|| expected_found(strip("invalid value: ")?, &found_value))
-        .or_else(|| expected_found(strip("invalid length ")?, &|found| format!("{found} values")));
+        .or_else(|| {
+            expected_found(strip("invalid length ")?, &|found| match found {
+                "1" => "1 value".into(),
+                _ => format!("{found} values"),
+            })
+        });
     known.unwrap_or_else(|| message.trim_end().to_owned()).replace('`', "")
 }
 
@@ -121,7 +130,7 @@ mod tests {
             ("title = 'a'\n", "line 1: missing key size"),
             ("size = [1, 2]\ntitle = 5\n", "line 2: title: expected a text in quotes, found 5"),
             ("title = 'a'\nsize = 'x'\n", "line 2: size: expected a list of 2 values, found \"x\""),
-            ("title = 'a'\nsize = [1]\n", "line 2: size: expected a list of 2 values, found 1 values"),
+            ("title = 'a'\nsize = [1]\n", "line 2: size: expected a list of 2 values, found 1 value"),
             ("title = 'a'\nsize = [1, 'b']\n", "line 2: size: expected a number, found \"b\""),
             (
                 "title = 'a'\nsize = [1, 2]\ncount = -1\n",

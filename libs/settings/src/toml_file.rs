@@ -1,6 +1,7 @@
 //! Reads a settings file as a list of entries with line numbers.
 
 use crate::Problem;
+use protocol::parse_error::line_of;
 use std::collections::BTreeMap;
 use toml::Spanned;
 use toml::de::{DeInteger, DeTable, DeValue};
@@ -85,10 +86,6 @@ pub fn read(text: &str, file: &str, rank: usize) -> Result<Vec<Entry>, Problem> 
     // The parser returns the keys of a table sorted; restore the order of the file.
     entries.sort_by_key(|e| e.line);
     Ok(entries)
-}
-
-fn line_of(text: &str, at: usize) -> usize {
-    1 + text.as_bytes().iter().take(at).filter(|b| **b == b'\n').count()
 }
 
 struct Reader<'a> {
