@@ -164,6 +164,20 @@ fn the_size_of_the_target_and_the_distances_are_said() {
     );
 }
 
+/// Some of such a list shows a camera beside the true one, which every start of every set of terms then looks for.
+#[test]
+fn shifted_lists_are_refused_soon() {
+    let files = Files::new();
+    let from = std::time::Instant::now();
+    let told = files.refused(&[0, 1, 2], Flaws { shifted: 13, ..NONE }, "--size 640x480");
+    assert!(told.contains("54 of 120 points agree with one camera, expected half of them or more"), "{told}");
+    // Of lists that are wrong by less than half, what is left out is said as soon.
+    let (_, told) = files.dots(&[0, 1, 2], Flaws { shifted: 6, ..NONE }, "--size 640x480");
+    assert!(told.contains("points contradict the others and are left out"), "{told}");
+    // A bound for a busy machine: both took ten times as long when nothing bounded the steps of a start.
+    assert!(from.elapsed().as_secs() < 10, "{:?}", from.elapsed());
+}
+
 #[test]
 fn exchanged_lists_are_named() {
     let files = Files::new();
