@@ -10,9 +10,12 @@ pub fn cameras(ids: &[u32]) -> String {
     }
 }
 
-/// Values from the least to the largest with some decimals: `1.5`, `1.2 to 1.5`.
+/// Values from the least to the largest with some decimals: `1.5`, `1.2 to 1.5`. What is not a number counts as infinite.
 pub fn span(values: impl IntoIterator<Item = f64>, decimals: usize) -> String {
-    let ends = |[least, most]: [f64; 2], value: f64| [least.min(value), most.max(value)];
+    let ends = |[least, most]: [f64; 2], value: f64| {
+        let value = if value.is_nan() { f64::INFINITY } else { value };
+        [least.min(value), most.max(value)]
+    };
     let ends = values.into_iter().fold([f64::INFINITY, f64::NEG_INFINITY], ends);
     let [least, most] = ends.map(|value| format!("{value:.decimals$}"));
     if least == most { least } else { format!("{least} to {most}") }
@@ -40,6 +43,7 @@ mod tests {
         assert_eq!(cameras(&[0, 2, 5]), "cameras 0, 2 and 5");
         assert_eq!(span([1.52, 1.49], 1), "1.5");
         assert_eq!(span([1.5, 0.25, 1.0], 2), "0.25 to 1.50");
+        assert_eq!(span([f64::NAN, 7.0], 0), "7 to inf");
         assert_eq!(grouped([(0, 'a'), (1, 'b'), (2, 'a')]), [(vec![0, 2], 'a'), (vec![1], 'b')]);
     }
 }
