@@ -197,6 +197,10 @@ fn grown(
     let first = std::array::from_fn(|term| camera.free[term] && term < FIRST_TERMS);
     let mut points = half.points;
     settled(&OneCamera { free: first, ..*camera }, &samples, &mut points, progress)?;
+    // The half was found without any distortion. Of a true list, first terms explain it; the others explain any list.
+    if 2 * points.len() < samples.len() {
+        return Err(too_few(points.len(), samples.len()));
+    }
     let calibrated = settled(camera, &samples, &mut points, progress)?;
     if 2 * points.len() < samples.len() {
         return Err(too_few(points.len(), samples.len()));

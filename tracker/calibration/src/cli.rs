@@ -5,6 +5,7 @@ mod checks;
 mod dots_checks;
 mod fields;
 mod fixed;
+mod lens_checks;
 mod recorded;
 mod rig_file;
 mod stereo;

@@ -42,6 +42,7 @@ pub mod solve;
 pub mod starts;
 pub mod target_problem;
 pub mod weak_terms;
+pub mod words;
 pub mod wrong_points;
 
 use target_problem::FEWEST_VIEWS;

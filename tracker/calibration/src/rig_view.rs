@@ -6,6 +6,7 @@
 //! noise that the tracker takes for a blob of that area; what is known from the frames before makes it better. Hidden
 //! markers and those that touch each other in a picture are not counted.
 
+pub mod confused;
 pub mod picture;
 
 use nalgebra::{Isometry3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -69,6 +70,14 @@ pub struct TipAccuracy {
     /// All places.
     #[serde(skip)]
     pub places: Vec<Place>,
+}
+
+impl TipAccuracy {
+    /// Share of the workspace in which one frame gives the tip to worse than it should be known.
+    fn inaccurate(&self) -> f64 {
+        let bad = |p: &&Place| p.sigma_um.is_none_or(|um| um > SHOULD_UM);
+        self.places.iter().filter(bad).count() as f64 / self.places.len().max(1) as f64
+    }
 }
 
 /// A rig as its cameras see it.
@@ -159,13 +168,25 @@ impl<'a> Viewer<'a> {
         inside && passes.x.hypot(passes.y) <= eye.radius
     }
 
+    /// What each camera sees, and how well each tip can be known.
+    fn seen_of_all(&self) -> (Vec<CameraView>, Vec<TipAccuracy>) {
+        let tips: Vec<_> = (0..INSTRUMENTS).map(|i| self.tip(i)).collect();
+        let cameras = (0..self.cameras.len()).map(|i| self.camera(i, &tips)).collect();
+        (cameras, tips)
+    }
+
+    /// How much is missing, as [`lack`].
+    fn lack(&self) -> f64 {
+        let (cameras, tips) = self.seen_of_all();
+        lack(&cameras, &tips)
+    }
+
     /// Everything.
     pub fn view(&self) -> RigView {
-        let tips: Vec<_> = (0..INSTRUMENTS).map(|i| self.tip(i)).collect();
-        let cameras: Vec<_> = (0..self.cameras.len()).map(|i| self.camera(i, &tips)).collect();
+        let (cameras, tips) = self.seen_of_all();
         let mut missing = missing(&cameras, &tips);
         if !missing.is_empty() {
-            missing.extend(self.transposed());
+            missing.extend(confused::remedy(self.rig));
         }
         let bare = BODY_NAMES[..INSTRUMENTS].iter().filter(|name| self.rig.trocar(name).is_none());
         missing.extend(
@@ -174,25 +195,6 @@ impl<'a> Viewer<'a> {
             }),
         );
         RigView { cameras, tips, missing }
-    }
-
-    /// Cameras of which nothing would be missing if the rows of their R were its columns.
-    fn transposed(&self) -> impl Iterator<Item = String> {
-        let turned = |i: &usize| {
-            let mut rig = self.rig.clone();
-            let rows = rig.cameras[*i].rotation;
-            rig.cameras[*i].rotation = std::array::from_fn(|r| std::array::from_fn(|c| rows[c][r]));
-            let viewer = Viewer::new(&rig);
-            let tips: Vec<_> = (0..INSTRUMENTS).map(|i| viewer.tip(i)).collect();
-            let cameras: Vec<_> = (0..rig.cameras.len()).map(|i| viewer.camera(i, &tips)).collect();
-            tracker::rig_check::check(&rig).is_ok() && missing(&cameras, &tips).is_empty()
-        };
-        (0..self.cameras.len()).filter(turned).map(|i| {
-            let id = self.cameras[i].id;
-            format!(
-                "nothing of this would be missing if R of camera {id} were transposed: are its rows columns?"
-            )
-        })
     }
 
     fn tip(&self, instrument: usize) -> TipAccuracy {
@@ -243,6 +245,13 @@ fn worst_variance_um2(information: Matrix6<f64>) -> Option<f64> {
     (worst.is_finite() && worst < 1e6).then_some(worst)
 }
 
+/// How much is missing: the shares that [`missing`] reports, added up; 0 where nothing is.
+fn lack(cameras: &[CameraView], tips: &[TipAccuracy]) -> f64 {
+    let blind = cameras.iter().map(|c| ENOUGH_SEEN - c.sees).filter(|share| *share > 0.0);
+    let tips = tips.iter().flat_map(|tip| [1.0 - tip.seen_by_two, tip.inaccurate()]);
+    blind.chain(tips.filter(|share| *share > TOLD)).sum()
+}
+
 fn missing(cameras: &[CameraView], tips: &[TipAccuracy]) -> Vec<String> {
     let percent = |share: f64| (100.0 * share).round();
     let mut all: Vec<_> = cameras
@@ -261,8 +270,7 @@ fn missing(cameras: &[CameraView], tips: &[TipAccuracy]) -> Vec<String> {
                 "{body}: fewer than two cameras see its markers in {hidden} % of the workspace"
             ));
         }
-        let bad = |p: &&Place| p.sigma_um.is_none_or(|um| um > SHOULD_UM);
-        let bad = tip.places.iter().filter(bad).count() as f64 / tip.places.len().max(1) as f64;
+        let bad = tip.inaccurate();
         if bad > TOLD {
             let bad = percent(bad);
             all.push(format!(

@@ -10,7 +10,7 @@ use crate::lens::{
 };
 use crate::lens_doubt::over_picture_px;
 use crate::linear;
-use crate::solve::{Column, Loss, NormalEquations, Problem, Solution, Unknown, solve};
+use crate::solve::{Column, Loss, MAX_STEPS, NormalEquations, Problem, Solution, Unknown, solve};
 use crate::weak_terms::with_known_terms;
 use crate::{CalibrationError, median};
 use nalgebra::{
@@ -53,6 +53,10 @@ impl FreeParameters {
     /// Every value of the lens.
     pub const LENS: FreeParameters = FreeParameters { lens: [true; LENS], place: false };
 }
+
+/// Most steps of a camera that sees known dots. It needs 5 to 30; only those of lists that show no camera need more, and
+/// every start of every set of terms would.
+const STEPS_ON_DOTS: usize = 200;
 
 /// Cameras and poses of the target.
 #[derive(Debug, Clone, PartialEq)]
@@ -102,6 +106,10 @@ const EXTRINSIC_NAMES: [&str; EXTRINSICS] = ["rotation x", "rotation y", "rotati
 
 impl Problem for TargetProblem<'_> {
     type State = Scene;
+
+    fn most_steps(&self) -> usize {
+        if self.fixed_views { STEPS_ON_DOTS } else { MAX_STEPS }
+    }
 
     fn shared(&self) -> usize {
         shared_unknowns(&self.free).len()

@@ -1,28 +1,18 @@
 //! What is wrong with what a target's points say: points outside of the picture, points that are others' (reflections,
-//! wrong dots), boards that were tilted to one side only, and cameras that are no better than those that were there.
+//! wrong dots), and cameras that are no better than those that were there.
 
 use crate::halves::HeldOut;
-use crate::lens::{LENS_NAMES, lens_of};
-use crate::linear::plane_of;
+use crate::lens::LENS_NAMES;
 use crate::report::Report;
-use crate::target_problem::{Calibrated, TargetView, camera_pose, robust_sigma};
+use crate::target_problem::{Calibrated, TargetView, robust_sigma};
+use crate::words;
 use anyhow::{Result, ensure};
-use nalgebra::{Matrix2, Vector2, Vector3};
+use nalgebra::Vector2;
 use rig::Rig;
 use rig::camera::Camera;
 
 /// A point so far from where it should be is another one: standard deviations, and px.
 const ASTRAY: (f64, f64) = (8.0, 3.0);
-/// Boards whose normals spread less than this, as sines, about their mean were tilted to one side.
-const ONE_SIDED: f64 = 0.1;
-/// Boards whose normals spread less than this in every direction, as sines, lie in parallel planes.
-const PARALLEL: f64 = 0.05;
-/// Focal lengths less sure than the first are worth a word, than the second are refused, %.
-const DOUBT: [f64; 2] = [1.0, 5.0];
-/// The same for the lens over the whole picture, px.
-const DOUBT_PX: [f64; 2] = [0.8, 5.0];
-/// What to do about it.
-const TILT: &str = "tilt the board by 20° to 45°, to another side in each view";
 
 /// Refuses points outside of their cameras' pictures; `from` says where the sizes come from.
 pub fn inside(sheets: &[TargetView], sizes_px: &[[u32; 2]], from: &str) -> Result<()> {
@@ -52,9 +42,14 @@ pub fn inside(sheets: &[TargetView], sizes_px: &[[u32; 2]], from: &str) -> Resul
 
 /// What a person should know of a calibration: terms that are held, points that are others'.
 pub fn remarks(found: &Calibrated, sheets: &[TargetView]) -> Vec<String> {
-    let held = found.left_out.iter().map(|&(camera, term)| {
-        let id = found.scene.cameras[camera].id;
-        format!("camera {id}: its points do not determine {}, which is held at 0", LENS_NAMES[term])
+    let held = found.left_out.iter().map(|&(camera, term)| (found.scene.cameras[camera].id, term));
+    let held = words::grouped(held).into_iter().map(|(ids, term)| {
+        let whose = if ids.len() == 1 { "its" } else { "their" };
+        format!(
+            "{}: {whose} points do not determine {}, which is held at 0",
+            words::cameras(&ids),
+            LENS_NAMES[term]
+        )
     });
     let sigma = robust_sigma(&found.residuals);
     let limit = ASTRAY.1.max(ASTRAY.0 * sigma);
@@ -74,78 +69,6 @@ pub fn remarks(found: &Calibrated, sheets: &[TargetView]) -> Vec<String> {
         ))
     });
     held.chain(found.remarks.iter().cloned()).chain(astray).collect()
-}
-
-/// How well boards were held for the lenses.
-#[derive(Debug, Default)]
-pub struct Determined {
-    /// What a person should do better.
-    pub notes: Vec<String>,
-    /// Why a lens is not determined.
-    pub refusals: Vec<String>,
-}
-
-/// Looks at how boards were held for each lens: names those that lie in parallel planes or are tilted to one side only, and
-/// lenses that are hardly known.
-pub fn determined(found: &Calibrated, sheets: &[TargetView]) -> Determined {
-    let mut all = Determined::default();
-    (0..found.scene.cameras.len()).for_each(|c| all.add(found, sheets, c));
-    all
-}
-
-impl Determined {
-    /// Looks at one camera's lens.
-    fn add(&mut self, found: &Calibrated, sheets: &[TargetView], c: usize) {
-        let camera = &found.scene.cameras[c];
-        let (id, [fx, fy, ..]) = (camera.id, lens_of(camera));
-        let focal = 100.0 * (found.sigmas[c][0] / fx).abs().max((found.sigmas[c][1] / fy).abs());
-        let doubt_px = found.doubt_px[c];
-        let [least, most] = tilts(found, sheets, c).unwrap_or([f64::INFINITY; 2]);
-        if most < PARALLEL {
-            self.refusals.push(format!(
-                "camera {id}: expected boards tilted differently, found all in parallel planes, which do not determine a \
-                 lens: {TILT}"
-            ));
-        } else if focal.is_nan() || focal > DOUBT[1] {
-            self.refusals.push(format!(
-                "camera {id}: the views do not fix the focal length, which is known to {focal:.0} % only: {TILT}"
-            ));
-        } else if doubt_px > DOUBT_PX[1] {
-            self.refusals.push(format!(
-                "camera {id}: the views do not determine the lens, whose image points are uncertain by {doubt_px:.1} px over \
-                 the picture: {TILT}, and fill the picture with them"
-            ));
-        } else if least < ONE_SIDED || focal > DOUBT[0] {
-            self.notes.push(format!(
-                "camera {id}: all boards are tilted about one axis or to one side; the focal length is known to {focal:.2} %: \
-                 tilt them to other sides, too"
-            ));
-        } else if doubt_px > DOUBT_PX[0] {
-            self.notes.push(format!(
-                "camera {id}: image points of the lens are uncertain by {doubt_px:.2} px over the picture: use more views, \
-                 which fill it"
-            ));
-        }
-    }
-}
-
-/// Smallest and largest spread of the normals of a camera's boards, as sines; `None` if a target in space was seen, which
-/// needs no tilt.
-fn tilts(found: &Calibrated, sheets: &[TargetView], camera: usize) -> Option<[f64; 2]> {
-    let to_camera = camera_pose(&found.scene.cameras[camera]);
-    let mut normals = Vec::new();
-    for sheet in sheets.iter().filter(|s| s.camera == camera) {
-        let plane = plane_of(&sheet.samples).ok()??;
-        let normal =
-            to_camera.rotation * found.scene.views[sheet.view].rotation * plane.rotation * Vector3::z();
-        // The side of a plane is arbitrary; boards are seen from the front.
-        normals.push((if normal.z < 0.0 { -normal } else { normal }).xy());
-    }
-    let n = normals.len() as f64;
-    let mean = normals.iter().sum::<Vector2<f64>>() / n;
-    let spread = normals.iter().map(|v| (v - mean) * (v - mean).transpose()).sum::<Matrix2<f64>>() / n;
-    let eigen = spread.symmetric_eigenvalues();
-    Some([eigen.min(), eigen.max()].map(|v| v.max(0.0).sqrt()))
 }
 
 /// Adds to a report how well the lenses are known.

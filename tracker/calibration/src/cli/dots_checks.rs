@@ -133,6 +133,43 @@ fn mean_baseline(cameras: &[Camera]) -> Option<f64> {
     (!apart.is_empty()).then(|| apart.iter().sum::<f64>() / apart.len() as f64)
 }
 
+/// Distance of a camera from the middle of its dots, mm.
+fn distance_mm(camera: &Camera, sheet: &TargetView) -> f64 {
+    let sum = sheet.samples.iter().map(|s| s.point.coords).sum::<Vector3<f64>>();
+    let middle = Point3::from(sum / sheet.samples.len().max(1) as f64);
+    (camera.centre_in_world() - middle).norm()
+}
+
+/// Says how large the cloud of dots is and how far away the cameras stand. Positions in centimetres give a rig that is as
+/// consistent as one in mm, and of a size that other rigs have; only a person who knows this one sees it.
+pub fn size_of(cameras: &[Camera], sheets: &[TargetView]) -> String {
+    let dots = || sheets.iter().flat_map(|sheet| &sheet.samples).map(|s| s.point.coords);
+    let least = dots().fold(Vector3::repeat(f64::INFINITY), |least, dot| least.inf(&dot));
+    let most = dots().fold(Vector3::repeat(f64::NEG_INFINITY), |most, dot| most.sup(&dot));
+    let extent: Vec<String> = (most - least).iter().map(|mm| rounded(*mm)).collect();
+    let away = cameras.iter().zip(sheets).map(|(camera, sheet)| distance_mm(camera, sheet));
+    let [nearest, farthest] = away.fold([f64::INFINITY, 0.0], |[a, b], mm: f64| [a.min(mm), b.max(mm)]);
+    let [nearest, farthest] = [nearest, farthest].map(rounded);
+    let away = if nearest == farthest { nearest } else { format!("{nearest} to {farthest}") };
+    format!(
+        "dots span {} mm; cameras stand {away} mm away from them. If it is otherwise, the positions of the dots are not in \
+         mm",
+        extent.join(" × ")
+    )
+}
+
+/// A length to three digits or so.
+fn rounded(mm: f64) -> String {
+    let decimals = if mm < 1.0 {
+        3
+    } else if mm < 10.0 {
+        1
+    } else {
+        0
+    };
+    format!("{mm:.decimals$}")
+}
+
 /// What is wrong with the scale of a result, if positions of dots seem to be in another unit than mm. `old` is the rig
 /// as given, if its cameras are the same.
 pub fn other_unit(
@@ -152,9 +189,7 @@ pub fn other_unit(
     }
     let nearest = template.workspace.tip_radius;
     cameras.iter().zip(sheets).find_map(|(camera, sheet)| {
-        let sum = sheet.samples.iter().map(|s| s.point.coords).sum::<Vector3<f64>>();
-        let middle = Point3::from(sum / sheet.samples.len().max(1) as f64);
-        let mm = (camera.centre_in_world() - middle).norm();
+        let mm = distance_mm(camera, sheet);
         (!(nearest..=FARTHEST_CAMERA_MM).contains(&mm)).then(|| {
             format!(
                 "camera {} is {mm:.2} mm from the middle of its dots, expected {nearest} to {FARTHEST_CAMERA_MM} mm: are \

@@ -290,6 +290,7 @@ pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
         calibrate_agreeing(&scene.before, &scene.sheets, free, loss, tell)
     })?;
     let mut notes = scene.notes.clone();
+    notes.push(dots_checks::size_of(&found.scene.cameras, &sheets));
     notes.extend(dots_checks::left_out(&wrong, &scene.sheets, &scene.sources));
     notes.extend(checks::remarks(&found, &sheets));
     check_unit(args, &scene, &found, &mut notes)?;

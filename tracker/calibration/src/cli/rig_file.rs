@@ -1,5 +1,6 @@
 //! `vitreo rig check`: what is in a rig file, what its cameras see, and what is missing.
 
+use crate::rig_view::confused;
 use crate::rig_view::picture::Maps;
 use crate::rig_view::{CameraView, RigView, Viewer};
 use ipc::logging::inform;
@@ -59,7 +60,10 @@ pub(super) fn run(args: &RigFileArgs) -> anyhow::Result<ExitCode> {
     let RigTask::Check(args) = &args.task;
     let rig = Rig::load(&args.file)?;
     let name = args.file.display();
-    tracker::rig_check::check(&rig).map_err(|defect| anyhow::anyhow!("rig file {name}: {defect}"))?;
+    tracker::rig_check::check(&rig).map_err(|defect| {
+        let remedy = confused::remedy(&rig).map_or(String::new(), |remedy| format!("; {remedy}"));
+        anyhow::anyhow!("rig file {name}: {defect}{remedy}")
+    })?;
     let viewer = Viewer::new(&rig);
     let view = viewer.view();
     if let Some(path) = &args.picture {

@@ -1,6 +1,7 @@
 //! Cameras that see the same board: `stereo`.
 
-use super::checks::{self, Determined, NotCompared};
+use super::checks::{self, NotCompared};
+use super::lens_checks::{Determined, determined};
 use super::recorded::EveryArgs;
 use super::target::{
     BoardArgs, Views, finish_unless, pass_over_weak, report_of, sift, views_of_pictures, with_notes,
@@ -139,9 +140,9 @@ pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
     notes.extend(checks::remarks(&found, &views.sheets));
     let mut refused = refusals(args, &before, &found, &views);
     if !matches!(before.lenses, LensMode::Given(_)) {
-        let Determined { notes: doubts, refusals } = checks::determined(&found, &views.sheets);
+        let Determined { notes: doubts, weak, refusals } = determined(&found, &views.sheets);
         notes.extend(doubts);
-        refused.extend(refusals);
+        refused.extend(refusals.into_iter().chain(weak));
     }
     let mut report = report_of("stereo", &found, &views.sheets, notes);
     for camera in &found.scene.cameras[1..] {

@@ -1,6 +1,7 @@
 //! The calibration of one lens on a board, `intrinsics`, and what all calibrations on targets share.
 
-use super::checks::{self, Determined, NotCompared};
+use super::checks::{self, NotCompared};
+use super::lens_checks::{Determined, determined};
 use super::recorded::{self, EveryArgs};
 use super::{OutputArgs, SolveArgs, pair, positive, progress, short, with_spinner};
 use crate::board::{Board, Pattern, Target};
@@ -269,7 +270,7 @@ pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
     });
     let found = found.map_err(|problem| with_notes(problem, &notes))?;
     notes.extend(checks::remarks(&found, &sheets));
-    let Determined { notes: doubts, refusals } = checks::determined(&found, &sheets);
+    let Determined { notes: doubts, weak, refusals } = determined(&found, &sheets);
     ensure!(refusals.is_empty(), "{}", refusals.join("; "));
     notes.extend(doubts);
     let held_out = before.as_ref().filter(|_| args.output.output.is_some()).map(|before| {
@@ -286,7 +287,7 @@ pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
     };
     let mut report = report_of("intrinsics", &found, &sheets, notes);
     checks::add_doubts(&found, &mut report);
-    finish(&args.output, report, &found, held_out, || Ok(json))
+    finish_unless(weak, &args.output, report, &found, held_out, || Ok(json))
 }
 
 /// Prints the report and writes the result, unless the rig as it was predicts held-out points better.
