@@ -3,7 +3,7 @@
 use clap::Parser;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
-use validation::judged::{Said, said};
+use validation::judged::{Said, draw_lens, said, said_of};
 use validation::planted::Defect;
 
 /// Plants a defect in a stream of every seed and draws further streams of intact rigs, every second one on a rig of its
@@ -19,10 +19,13 @@ struct Args {
     /// First seed. Those from 20001 on were not used to set limits.
     #[arg(long, default_value_t = 20_001)]
     from: u64,
+    /// Plant nothing but wrong lenses in the seeds with a defect.
+    #[arg(long)]
+    lenses: bool,
 }
 
 fn main() {
-    let Args { seeds, intact, from } = Args::parse();
+    let Args { seeds, intact, from, lenses } = Args::parse();
     let end = from + seeds + intact;
     let (next, all) = (AtomicU64::new(from), Mutex::new(Vec::new()));
     let work = || {
@@ -31,7 +34,11 @@ fn main() {
             if seed >= end {
                 break;
             }
-            let found = said(seed, seed % 2 == 1, seed >= from + seeds);
+            let (whole, is_intact) = (seed % 2 == 1, seed >= from + seeds);
+            let found = match lenses && !is_intact {
+                true => said_of(seed, whole, draw_lens(seed, whole)),
+                false => said(seed, whole, is_intact),
+            };
             print_said(&found);
             all.lock().expect("no thread panics").push(found);
         }
@@ -83,7 +90,7 @@ fn table(all: &[Said]) {
         "| defect | streams | named alone | among several | not named | `drift`, `pivot`: holds | `waved` writes | `replay` warns |"
     );
     println!("|---|---|---|---|---|---|---|---|");
-    for defect in Defect::ALL.into_iter().chain(Defect::MORE) {
+    for defect in Defect::ALL.into_iter().chain(Defect::MORE).chain(Defect::LENSES) {
         let of = |test: &dyn Fn(&Said) -> bool| count(all, |s| s.defect == defect && test(s));
         println!(
             "| {defect:?} | {} | {} | {} | {} | {} | {} | {} |",

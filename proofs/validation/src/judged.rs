@@ -67,13 +67,28 @@ pub fn draw(seed: u64, whole: bool, intact: bool) -> (Defect, Planted) {
     let all = Defect::ALL.into_iter().chain(more.iter().copied());
     let kinds: Vec<Defect> = all.filter(|d| interlaced || !needs_fields(d)).collect();
     let defect = if intact { Defect::None } else { kinds[(seed as usize) % kinds.len()] };
-    let scenario = if (seed / 16).is_multiple_of(4) { Scenario::Async } else { Scenario::Nominal };
-    (defect, plant_on(rig, defect, scenario, seed, SECONDS, 0.0))
+    (defect, plant_on(rig, defect, scenario(seed), seed, SECONDS, 0.0))
+}
+
+/// Cameras of one block of seeds in four are free-running.
+fn scenario(seed: u64) -> Scenario {
+    if (seed / 16).is_multiple_of(4) { Scenario::Async } else { Scenario::Nominal }
+}
+
+/// Draws a stream of the rig file of which a lens is wrong; which one, and how, follows from the seed.
+pub fn draw_lens(seed: u64, whole: bool) -> (Defect, Planted) {
+    let rig = if whole { whole_rig(seed) } else { Rig::load_or_shipped(None).expect("the shipped rig") };
+    let defect = Defect::LENSES[(seed as usize) % Defect::LENSES.len()];
+    (defect, plant_on(rig, defect, scenario(seed), seed, SECONDS, 0.0))
 }
 
 /// All verdicts on the stream of a seed.
 pub fn said(seed: u64, whole: bool, intact: bool) -> Said {
-    let (defect, planted) = draw(seed, whole, intact);
+    said_of(seed, whole, draw(seed, whole, intact))
+}
+
+/// The same of a stream that was drawn.
+pub fn said_of(seed: u64, whole: bool, (defect, planted): (Defect, Planted)) -> Said {
     let Planted { rig, fields, truth, .. } = planted;
     let judgement = judge(&rig, &fields, |_, _| true);
     let named = |cause: &Cause| judgement.explanations.iter().any(|e| is_truth(&e.cause, cause));

@@ -27,6 +27,9 @@ pub enum Defect {
     OneCamerasColours,
     MarkersSwapped,
     StampsStep,
+    FocalLength,
+    Distortion,
+    PrincipalPoint,
 }
 
 impl Defect {
@@ -47,6 +50,9 @@ impl Defect {
 
     /// Kinds that were added later: figures by seed are stated for those of [`Defect::ALL`].
     pub const MORE: [Defect; 3] = [Defect::OneCamerasColours, Defect::MarkersSwapped, Defect::StampsStep];
+
+    /// A lens of the rig file is wrong; these are drawn only where they are asked for.
+    pub const LENSES: [Defect; 3] = [Defect::FocalLength, Defect::Distortion, Defect::PrincipalPoint];
 }
 
 /// A stream as a recorder has it.
@@ -67,6 +73,9 @@ const SIZES: [[u32; 2]; 3] = [[640, 480], [768, 576], [1024, 768]];
 const STEP: f64 = 0.5;
 /// How far a picture of a moved camera moves, px.
 const MOVED_PX: (f64, f64) = (0.3, 5.0);
+
+/// By how much a lens of the rig file is wrong: share of its focal length, k1, principal point (px).
+const WRONG_LENS: [(f64, f64); 3] = [(0.01, 0.03), (0.05, 0.1), (5.0, 15.0)];
 
 /// A rig with cameras at other places and with other lenses, rates and scans: three on a ring about the eye.
 pub fn whole_rig(seed: u64) -> Rig {
@@ -130,6 +139,10 @@ pub fn plant_on(
             planted.fields = recipe.draw(&rig).fields;
             planted.rig.cameras.iter_mut().flat_map(|c| &mut c.t).for_each(|t| *t *= factor);
             planted.truth = Some(Cause::Scale { camera: None, factor });
+        }
+        Defect::FocalLength | Defect::Distortion | Defect::PrincipalPoint => {
+            planted.fields = recipe.draw(&rig).fields;
+            planted.truth = Some(spoil_lens(&mut planted.rig, defect, camera, &mut random));
         }
         Defect::MarkersSwapped => {
             planted.fields = recipe.draw(&rig).fields;
@@ -197,6 +210,30 @@ impl Planted {
         late.for_each(|field| spoil(cause, field));
         self.since_s = from_s;
     }
+}
+
+/// Makes a lens of the rig file wrong.
+fn spoil_lens(rig: &mut Rig, defect: Defect, id: u32, random: &mut Random) -> Cause {
+    let own = rig.cameras.iter_mut().find(|c| c.id == id).expect("a camera of the rig");
+    let at = Defect::LENSES.iter().position(|of| *of == defect).expect("a defect of a lens");
+    let (least, most) = WRONG_LENS[at];
+    let by = random.between(least, most) * if random.once_in(2) { 1.0 } else { -1.0 };
+    let mut truth = (1.0, [0.0, 0.0], 0.0);
+    match defect {
+        Defect::FocalLength => {
+            (own.fx, own.fy) = (own.fx * (1.0 + by), own.fy * (1.0 + by));
+            truth.0 = 1.0 / (1.0 + by);
+        }
+        Defect::Distortion => {
+            own.dist[0] += by;
+            truth.2 = -by;
+        }
+        _ => {
+            own.cx += by;
+            truth.1[0] = -by;
+        }
+    }
+    Cause::Lens { camera: id, focal: truth.0, centre_px: truth.1, k1: truth.2 }
 }
 
 /// A camera that was turned a little about its own centre.
@@ -306,6 +343,9 @@ pub fn is_truth(named: &Cause, truth: &Cause) -> bool {
         (Cause::Scale { factor: a, .. }, Cause::Scale { factor: b, .. }) => (a - b).abs() < 0.006,
         (Cause::MarkerMoved { body: a, marker: m, .. }, Cause::MarkerMoved { body: b, marker: n, .. }) => {
             (a, m) == (b, n)
+        }
+        (Cause::Lens { camera: a, focal: f, .. }, Cause::Lens { camera: b, focal: g, .. }) => {
+            a == b && (f - g).abs() < 0.006
         }
         (Cause::CameraMoved { camera: a, .. }, Cause::CameraMoved { camera: b, .. }) => a == b,
         (a, b) => a == b,

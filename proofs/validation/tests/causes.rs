@@ -51,6 +51,17 @@ fn what_no_residual_shows_is_named() {
 }
 
 #[test]
+fn a_wrong_lens_of_the_rig_file_is_named_alone() {
+    for (defect, seed) in Defect::LENSES.into_iter().zip([2, 3, 5]) {
+        let planted = plant(defect, Scenario::Nominal, seed, 3.5, 0.0);
+        let truth = planted.truth.clone().expect("a defect");
+        let judged = judge(&planted.rig, &planted.fields, |_, _| true);
+        assert_eq!(judged.explanations.len(), 1, "{truth}: {}", judged.text());
+        assert!(is_truth(&judged.explanations[0].cause, &truth), "{truth}: {}", judged.text());
+    }
+}
+
+#[test]
 fn what_hides_behind_something_else_is_named() {
     // Camera 1 was moved much less than camera 2; the blobs of a marker lie so far beside it that the tracker takes them for
     // reflections, and the rest of the rig is as it should be.

@@ -100,7 +100,7 @@ impl Freedom {
 }
 
 /// Only the poses are free.
-pub(super) const FIXED_RIG: PriorSigmas =
+pub(crate) const FIXED_RIG: PriorSigmas =
     PriorSigmas { camera_mm: 0.0, camera_rad: 0.0, marker_mm: 0.0, lens_px: 0.0 };
 /// Values of all parameters.
 #[derive(Debug, Clone)]

@@ -15,6 +15,7 @@ mod colours;
 mod judge;
 mod judgement;
 mod later;
+mod lenses;
 mod measure;
 mod places;
 mod progressive;

@@ -58,6 +58,9 @@ fn freedom(rig: &Rig, known: &PriorSigmas, judgement: &Judgement) -> Result<Free
         return Ok(of(Vec::new()));
     }
     let causes = || judgement.explanations.iter().map(|e| &e.cause);
+    if let Some(Cause::Lens { camera, .. }) = causes().find(|cause| matches!(cause, Cause::Lens { .. })) {
+        return Err(format!("the lens of camera {camera} is wrong, and a refined place would only hide it"));
+    }
     if causes().any(|cause| parts(rig, cause).is_none()) {
         return Err("waved instruments cannot correct that".into());
     }

@@ -3,10 +3,11 @@
 
 use blob_stream::BlobReader;
 use calibration::bundle::PriorSigmas;
-use calibration::causes::{Verdict, judge};
+use calibration::causes::{Cause, Verdict, judge};
 use calibration::cli::waved_report;
 use calibration::drift_check;
 use calibration::lens::{LENS, lens_of};
+use calibration::mend::{Mended, mend};
 use calibration::observations::{FrameObservations, collect};
 use calibration::self_calibration::{FEWEST_INSTANTS, fitted, refine, refine_stream};
 use calibration::target_problem::rms;
@@ -125,6 +126,50 @@ fn a_camera_that_was_knocked_is_the_one_that_is_named() {
     let worst =
         (0..3).max_by(|&a, &b| found.cameras[a].systematic_px.total_cmp(&found.cameras[b].systematic_px));
     assert!(found.drifted() && worst == Some(1), "{found:?}");
+}
+
+#[test]
+fn a_wrong_lens_is_named_and_no_place_is_refined_to_hide_it() {
+    let stream = load("nominal");
+    // Focal length 2 % too long in the rig file, k1 too large by 0.1, principal point 10 px too far right.
+    for (at, by) in [(0, 0.02), (4, 0.1), (2, 10.0)] {
+        let mut wrong = stream.rig.clone();
+        let own = &mut wrong.cameras[1];
+        match at {
+            0 => (own.fx, own.fy) = (own.fx * (1.0 + by), own.fy * (1.0 + by)),
+            2 => own.cx += by,
+            _ => own.dist[0] += by,
+        }
+        let judged = judge(&wrong, &stream.fields, |_, _| true);
+        println!("{}", judged.text());
+        let [only] = &judged.explanations[..] else { panic!("{}", judged.text()) };
+        let Cause::Lens { camera: 1, focal, centre_px, k1 } = only.cause else { panic!("{}", judged.text()) };
+        let off = |i: usize| if at == i { -by } else { 0.0 };
+        assert!((focal - 1.0 - off(0)).abs() < 0.004, "{}", judged.text());
+        assert!((centre_px[0] - off(2)).abs() < 2.0 && (k1 - off(4)).abs() < 0.02, "{}", judged.text());
+        let known = PriorSigmas::default();
+        let mended = mend(&wrong, &stream.fields, &known, &judged, 200, &mut |_, _| {}).unwrap();
+        let Mended::Nothing(why) = mended else { panic!("a rig was written") };
+        assert!(why.contains("lens of camera 1"), "{why}");
+    }
+}
+
+#[test]
+fn a_camera_that_was_moved_far_is_no_wrong_lens() {
+    let stream = load("nominal");
+    // Turned by 6 mrad, some 10 px, so that its turn is not small; and by 2 mrad with a shift of 0.2 mm.
+    for (turn, shift) in [([4e-3, -4.5e-3, 0.0], 0.0), ([0.0, 2e-3, 1e-3], 0.2)] {
+        let mut knocked = stream.rig.clone();
+        let turned = nalgebra::Rotation3::new(turn.into()) * stream.rig.cameras()[2].camera_from_world;
+        knocked.cameras[2].rotation = std::array::from_fn(|r| std::array::from_fn(|c| turned[(r, c)]));
+        knocked.cameras[2].t[0] += shift;
+        let judged = judge(&knocked, &stream.fields, |_, _| true);
+        println!("{}", judged.text());
+        let is_moved = |cause: &Cause| matches!(cause, Cause::CameraMoved { camera: 2, .. });
+        assert!(judged.explanations.iter().any(|e| is_moved(&e.cause)), "{}", judged.text());
+        let is_lens = |cause: &Cause| matches!(cause, Cause::Lens { .. });
+        assert!(!judged.explanations.iter().any(|e| is_lens(&e.cause)), "{}", judged.text());
+    }
 }
 
 #[test]

@@ -90,6 +90,17 @@ pub enum Cause {
     },
     /// Several cameras or markers are beside their places.
     Drifted,
+    /// The lens of a camera is not the one of the rig.
+    Lens {
+        /// Camera id.
+        camera: u32,
+        /// Its focal length, as a multiple of the rig's.
+        focal: f64,
+        /// By how much its principal point is elsewhere, px.
+        centre_px: [f64; 2],
+        /// By how much its first radial term of distortion is larger.
+        k1: f64,
+    },
     /// Pictures have another size than the rig says.
     PictureSize {
         /// Of this camera; `None`: of all.
@@ -214,7 +225,7 @@ impl Cause {
             | Cause::Progressive { camera }
             | Cause::PictureSize { camera, .. }
             | Cause::Scale { camera, .. } => camera.is_none_or(|own| own == id),
-            Cause::ClockShifted { camera, .. } => *camera == id,
+            Cause::ClockShifted { camera, .. } | Cause::Lens { camera, .. } => *camera == id,
             other => other.moves_camera(id),
         }
     }
@@ -225,6 +236,8 @@ impl Cause {
             Cause::ClockShifted { .. } | Cause::Scale { .. } => 1,
             Cause::MarkerMoved { .. } => 3,
             Cause::CameraMoved { .. } => 6,
+            // With its camera's place.
+            Cause::Lens { .. } => 11,
             Cause::CamerasMoved { .. } => 12,
             Cause::Drifted => 100,
             _ => 0,
@@ -249,6 +262,10 @@ impl Cause {
                 "set the camera to interlaced pictures, or give both fields of a picture one exposure"
             }
             Cause::ClockShifted { .. } => "synchronise the camera, or correct the delay in its driver",
+            Cause::Lens { .. } => {
+                "calibrate that lens again (vitreo calibrate intrinsics), then the cameras' places with it (vitreo calibrate \
+                 dots or stereo)"
+            }
             Cause::Scale { camera: Some(_), .. } => "calibrate its lens (vitreo calibrate intrinsics)",
             Cause::Scale { camera: None, .. } => {
                 "calibrate the cameras' places with the true size of the target (vitreo calibrate dots or stereo)"
@@ -318,6 +335,12 @@ impl fmt::Display for Cause {
             Cause::CamerasMoved { cameras: [a, b] } => {
                 write!(f, "cameras {a} and {b} were moved, each in its own way")
             }
+            Cause::Lens { camera, focal, centre_px: [x, y], k1 } => write!(
+                f,
+                "the lens of camera {camera} is not that of the rig file: focal length {:+.2} %, principal point {x:+.1}, \
+                 {y:+.1} px, k1 {k1:+.3}",
+                100.0 * (focal - 1.0)
+            ),
             Cause::Drifted => f.write_str("several cameras or markers are not where the rig file has them"),
             Cause::PictureSize { camera, size_px: [width, height] } => {
                 write!(

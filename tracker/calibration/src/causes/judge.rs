@@ -6,7 +6,7 @@ use super::measure::{CAP_PX, Left, SLICE_NS, START_NS, measure};
 use super::together::Together;
 use super::trial::{hypotheses, try_all};
 use super::work::Work;
-use super::{Cause, later, progressive, rest, together};
+use super::{Cause, later, lenses, progressive, rest, together};
 use protocol::blobs::BlobField;
 use protocol::time::Nanos;
 use rig::Rig;
@@ -188,10 +188,7 @@ fn judge_from(
     }
     if let Some(cause) = progressive::detect(rig, &stretch) {
         let left = measure(rig, &progressive::first_fields(&cause, &stretch));
-        judgement.verdict = Verdict::Explained;
-        judgement.holds = false;
-        judgement.explanations = vec![explanation((cause, left))];
-        return judgement;
+        return explained(judgement, explanation((cause, left)));
     }
     if !go_on(0, 0) {
         judgement.verdict = Verdict::Stopped;
@@ -199,12 +196,11 @@ fn judge_from(
         return judgement;
     }
     // Small errors: everything at once, without tracking again for each.
-    let together = together::estimate(rig, &stretch).ok().or_else(|| {
-        // A tracker that tries one camera after the other follows too little of the first second; what is found later
-        // says as much, if it mends this stretch too.
-        let later = together::estimate(rig, &self::stretch(fields, from + STRETCH_NS)).ok();
-        later.filter(|found| found.mends(rig, &stretch))
-    });
+    let together = estimated(rig, fields, &stretch, from);
+    if let Some(lens) = together.as_ref().and_then(|found| lenses::explain(rig, &stretch, found)) {
+        judgement.tried = rig.cameras.len() + together.map_or(0, |found| found.tried);
+        return explained(judgement, lens);
+    }
     if let Some(found) = together.as_ref().filter(|found| found.mends(rig, &stretch)) {
         take(found, &mut judgement);
         if found.leaves_more() {
@@ -214,6 +210,16 @@ fn judge_from(
     }
     search(rig, &stretch, (&before, together), work, &mut judgement, go_on);
     judgement
+}
+
+/// What is estimated together from a stretch.
+fn estimated(rig: &Rig, fields: &[BlobField], stretch: &[BlobField], from: Nanos) -> Option<Together> {
+    together::estimate(rig, stretch).ok().or_else(|| {
+        // A tracker that tries one camera after the other follows too little of the first second; what is found later
+        // says as much, if it mends this stretch too.
+        let later = together::estimate(rig, &self::stretch(fields, from + STRETCH_NS)).ok();
+        later.filter(|found| found.mends(rig, stretch))
+    })
 }
 
 /// A judgement before anything was looked into.
@@ -229,6 +235,11 @@ fn beginning(before: &Left, since_ns: u64) -> Judgement {
         explanations: Vec::new(),
         tried: 0,
     }
+}
+
+/// A judgement that names one cause.
+fn explained(judgement: Judgement, by: Explanation) -> Judgement {
+    Judgement { verdict: Verdict::Explained, holds: false, explanations: vec![by], ..judgement }
 }
 
 /// Judges by what was estimated together.

@@ -51,7 +51,7 @@ pub fn since(
 fn mended(rig: &Rig, fields: &[BlobField], cause: &Cause) -> Option<Rig> {
     match cause {
         Cause::CameraMoved { .. } | Cause::MarkerMoved { .. } => places::moved(rig, fields, cause),
-        Cause::CamerasMoved { .. } | Cause::Drifted | Cause::Scale { .. } => None,
+        Cause::CamerasMoved { .. } | Cause::Drifted | Cause::Scale { .. } | Cause::Lens { .. } => None,
         _ => Some(amended(rig, cause)),
     }
 }

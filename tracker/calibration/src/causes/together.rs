@@ -27,11 +27,11 @@ pub const WIDE: PriorSigmas = PriorSigmas { camera_mm: 0.3, camera_rad: 4e-3, ma
 /// The same of clocks, s, and of parities.
 const FREE: (f64, f64) = (0.01, 1.0);
 /// Distance to the minimum that is near enough, in standard deviations.
-const NEAR: f64 = 0.03;
+pub const NEAR: f64 = 0.03;
 /// Clocks that are farther off are estimated once more, s.
 const NEAR_CLOCK_S: f64 = 2e-3;
 /// Most instants that are used.
-const MOST: usize = 200;
+pub const MOST: usize = 200;
 /// Share of the blobs that measure poses, and their residuals, px, where the tracker follows the rig as it is.
 const FOLLOWS: (f64, f64) = (0.85, 0.6);
 /// Standard deviation of a blob, px, by which residuals deweight blobs at first.

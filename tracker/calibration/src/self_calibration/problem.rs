@@ -99,8 +99,9 @@ impl<'a> SelfCalibrationProblem<'a> {
 
     /// Appends the parameters of a camera; its parity only if `has_lines`, because whole frames have none.
     fn push_camera(&mut self, c: usize, free: &Freedom, has_lines: bool) {
-        if free.known.lens_px > 0.0 {
-            let sigmas = lens_sigmas(&self.before.cameras[c], free.known.lens_px);
+        let lens_px = free.known.lens_px.max(free.of(Part::Camera(c)).lens_px);
+        if lens_px > 0.0 {
+            let sigmas = lens_sigmas(&self.before.cameras[c], lens_px);
             for (i, sigma) in sigmas.into_iter().enumerate() {
                 if !free.held.contains(&(c, i)) {
                     self.lens_at[c][i] = Some(self.values.len());

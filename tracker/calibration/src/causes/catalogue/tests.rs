@@ -20,6 +20,7 @@ fn all() -> Vec<Cause> {
         Cause::CameraMoved { camera: 2, turn_deg: 0.3, shift_mm: 0.1 },
         Cause::Drifted,
         Cause::CamerasMoved { cameras: [0, 2] },
+        Cause::Lens { camera: 1, focal: 0.97, centre_px: [0.0, 10.0], k1: -0.1 },
         Cause::PictureSize { camera: None, size_px: [640, 480] },
         Cause::KeyChanged { part: Part::Scene, key: text(), a: None, b: Some(1.5.into()) },
         Cause::InputMissing { what: text(), count: 2, lacking: 'B' },
@@ -48,7 +49,7 @@ fn every_cause_has_words_and_a_name_of_its_own() {
 #[test]
 fn what_can_be_mended_has_a_remedy_and_other_motion_has_none() {
     let (mended, rest): (Vec<Cause>, Vec<Cause>) = all().into_iter().partition(|c| c.remedy().is_some());
-    assert_eq!((mended.len(), rest.len()), (16, 7), "{rest:?}");
+    assert_eq!((mended.len(), rest.len()), (17, 7), "{rest:?}");
     assert!(rest.iter().all(|cause| cause.parameters() == 0));
 }
 
@@ -61,7 +62,20 @@ fn words_name_camera_marker_size_and_direction() {
         "the colours red and blue are swapped in cameras 1, 2",
     );
     says(
+        Cause::Lens { camera: 1, focal: 0.97, centre_px: [0.0, 10.0], k1: -0.1 },
+        "the lens of camera 1 is not that of the rig file: focal length -3.00 %, principal point +0.0, +10.0 px, k1 -0.100",
+    );
+    says(
         Cause::marker_moved(0, 3, [0.3, 0.0, 0.4]),
         "marker 3 of inst0 was moved by 0.500 mm (+0.300, +0.000, +0.400 in its frame)",
     );
+}
+
+#[test]
+fn a_wrong_lens_is_of_its_camera_and_waving_is_no_remedy() {
+    let lens = Cause::Lens { camera: 1, focal: 0.97, centre_px: [0.0, 0.0], k1: 0.0 };
+    assert!(lens.concerns_camera(1) && !lens.concerns_camera(0));
+    assert!(!lens.moves_camera(1), "else drift recommends to refine places");
+    let remedy = lens.remedy().expect("a remedy");
+    assert!(remedy.contains("calibrate intrinsics") && !remedy.contains("waved"), "{remedy}");
 }
