@@ -52,8 +52,8 @@ fn what_no_residual_shows_is_named() {
 
 #[test]
 fn a_wrong_lens_of_the_rig_file_is_named_alone() {
-    for (defect, seed) in Defect::LENSES.into_iter().zip([2, 3, 5]) {
-        let planted = plant(defect, Scenario::Nominal, seed, 3.5, 0.0);
+    for (defect, seed) in Defect::LENSES.into_iter().zip([8022, 8026, 8024]) {
+        let planted = plant(defect, Scenario::Nominal, seed, 4.0, 0.0);
         let truth = planted.truth.clone().expect("a defect");
         let judged = judge(&planted.rig, &planted.fields, |_, _| true);
         assert_eq!(judged.explanations.len(), 1, "{truth}: {}", judged.text());

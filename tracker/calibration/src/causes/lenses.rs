@@ -35,7 +35,7 @@ const CLEARLY: f64 = 1.02;
 
 /// The lens that explains a stretch; `None` where something simpler does, or no lens.
 pub fn explain(rig: &Rig, fields: &[BlobField], found: &Together) -> Option<Explanation> {
-    if !is_suspected(found) {
+    if !is_suspected(rig, fields, found) {
         return None;
     }
     let instants = collect(&found.found.bundle.rig(rig), fields);
@@ -63,12 +63,14 @@ pub fn explain(rig: &Rig, fields: &[BlobField], found: &Together) -> Option<Expl
     Some(Explanation { cause, left_px: left.all.rms()?, blobs: left.all.count })
 }
 
-/// True where places of cameras and markers explain what is left, and only several of them together.
-fn is_suspected(found: &Together) -> bool {
+/// True where places of cameras and markers explain what is left, and only several of them together; or one alone, while
+/// the tracker does not follow the rig that they mend: a place explains what is followed, which is what fits it.
+fn is_suspected(rig: &Rig, fields: &[BlobField], found: &Together) -> bool {
     let is_all = |cause: &Cause| *cause == Cause::Drifted;
     let simpler = found.explained.iter().any(|(cause, rest)| !is_all(cause) && rest.is_noise());
     let all = found.best.as_ref().is_some_and(|(cause, rest)| is_all(cause) && rest.is_noise());
-    !found.above.is_noise() && all && !simpler && found.noise < NOISE
+    let is_possible = !found.above.is_noise() && all && found.noise < NOISE;
+    is_possible && (!simpler || !found.mends(rig, fields))
 }
 
 /// The rig with a camera's place and lens where they leave least; all else stays.
