@@ -48,7 +48,8 @@ fn list(camera: &Camera, flaws: Flaws) -> String {
         let noise = Vector2::new((i as f64 * 1.7).sin(), (i as f64 * 2.9).cos()) * 0.1;
         let mut at = camera.project(&dot(i)).unwrap() + noise;
         if flaws.wrong_every > 0 && i % flaws.wrong_every == 2 % flaws.wrong_every {
-            at = Vector2::new((i * 197 % 640) as f64, (i * 113 % 480) as f64);
+            let seed = i + 31 * camera.id as usize;
+            at = Vector2::new((seed * 197 % 640) as f64, (seed * 113 % 480) as f64);
         }
         let dot = dot((i + flaws.shifted) % 120) * flaws.unit;
         format!("{:.4} {:.4} {} {} {}\n", at.x, at.y, dot.x, dot.y, dot.z)
@@ -186,6 +187,16 @@ fn exchanged_lists_are_named() {
         assert!(told.contains("list2 was given for camera 0, but fits camera 2"), "{told}");
         assert!(told.contains("list0 was given for camera 2, but fits camera 0"), "{told}");
         assert!(!told.contains("list1 was"), "{told}");
+    }
+}
+
+#[test]
+fn one_list_for_two_cameras_is_refused_by_name() {
+    let files = Files::new();
+    for more in ["--size 640x480", "--rig rig.json", "--size 640x480 --rig rig.json --splits 2"] {
+        let told = files.refused(&[0, 2, 2], NONE, more);
+        let expected = "cameras 1 and 2: expected image points by each camera, found the same ones (120 dots) in list2 and list2";
+        assert!(told.contains(expected), "{told}");
     }
 }
 

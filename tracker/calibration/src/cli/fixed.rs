@@ -3,7 +3,7 @@
 use super::checks::NotCompared;
 use super::dots_checks::{self, Source};
 use super::target::{finish, report_of};
-use super::{OutputArgs, SolveArgs, checks, pair, progress, recorded, short, with_spinner};
+use super::{OutputArgs, SolveArgs, checks, lists, pair, progress, recorded, short, with_spinner};
 use crate::agreement::{Agreeing, calibrate_agreeing};
 use crate::draws::Draws;
 use crate::fixed_dots::{CameraPrior, calibrate_on_dots, common_dots, held_out};
@@ -77,6 +77,7 @@ fn sheets_of_dots(args: &DotsArgs) -> anyhow::Result<(Vec<TargetView>, Vec<Sourc
             sources.push(Source { counted: view.counted, lines: view.lines });
         }
     }
+    lists::expect_different(&sheets, &args.points)?;
     Ok((sheets, sources))
 }
 
@@ -141,28 +142,39 @@ fn expect_different(all: &[Shown]) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// The dots that were picked by hand, in one list per camera.
+fn picked(lists: &[PathBuf]) -> anyhow::Result<Vec<TargetView>> {
+    let of_camera = |(camera, path): (usize, &PathBuf)| {
+        let samples = point_lists::load(path)?.into_iter().flat_map(|v| v.samples);
+        // Picking programs write (-1, -1) for a dot that was not seen.
+        let samples = samples.filter(|s| s.pixel.x >= 0.0 && s.pixel.y >= 0.0).collect();
+        Ok(TargetView { name: short(path), camera, view: 0, samples })
+    };
+    let picked: Vec<TargetView> = lists.iter().enumerate().map(of_camera).collect::<anyhow::Result<_>>()?;
+    lists::expect_different(&picked, lists)?;
+    Ok(picked)
+}
+
 /// The target's dots in a picture of each camera.
 fn sheets_of_target(args: &DotsArgs, pictures: &[Shown]) -> anyhow::Result<Vec<TargetView>> {
     let target =
         point_lists::load_target(args.target.as_deref().context("--target is needed with --pictures")?)?;
     let (count, lists) = (pictures.len(), args.picked.len());
     ensure!(count == lists, "--picked: expected a list for each of {count} pictures, found {lists}");
+    let picked = picked(&args.picked)?;
     let progress = progress("dots", Some(count as u64));
     let mut sheets = Vec::new();
-    for (camera, (shown, picked)) in pictures.iter().zip(&args.picked).enumerate() {
+    for (camera, (shown, picked)) in pictures.iter().zip(&picked).enumerate() {
         if let Some(size) = args.size {
             shown.expect_size(size, "by --size")?;
         }
-        // Picking programs write (-1, -1) for a dot that was not seen.
-        let picked = point_lists::load(picked)?.into_iter().flat_map(|v| v.samples);
-        let picked: Vec<_> = picked.filter(|s| s.pixel.x >= 0.0 && s.pixel.y >= 0.0).collect();
         let [bright, dark] = [false, true].map(|dark| dots::find(&shown.picture, dark));
         let (n, [name, file]) = (target.len(), &shown.names);
         ensure!(
             !bright.is_empty() || !dark.is_empty(),
             "{file}: expected the {n} dots of the target, round and on an even ground, found none"
         );
-        let of_colour = |dots: &[dots::Dot]| match_dots(shown.size_px(), dots, &target, &picked);
+        let of_colour = |dots: &[dots::Dot]| match_dots(shown.size_px(), dots, &target, &picked.samples);
         let samples = match (of_colour(&bright), of_colour(&dark)) {
             (Ok(bright), Ok(dark)) if dark.len() > bright.len() => dark,
             (Ok(found), _) | (Err(_), Ok(found)) => found,
@@ -172,6 +184,7 @@ fn sheets_of_target(args: &DotsArgs, pictures: &[Shown]) -> anyhow::Result<Vec<T
         progress.inc(1);
     }
     progress.finish_and_clear();
+    lists::expect_different(&sheets, &[])?;
     Ok(sheets)
 }
 
