@@ -100,12 +100,38 @@ fn a_rig_is_written_without_a_template() {
     let files = Files::new();
     let (code, told) = files.dots(&[0, 1, 2], NONE, "--size 640x480 --without k2,k3,p1,p2");
     assert!(code == 0 && told.contains("without --rig, the rig has whole frames at 50 Hz"), "{told}");
+    assert!(!told.contains("is --size right?"), "{told}");
     let rig = Rig::load(&files.path("new.json")).unwrap();
     assert!(rig.cameras[1].cx < 0.0, "{}", rig.cameras[1].cx);
     for (found, truth) in rig.cameras().iter().zip(cameras()) {
         let off = (found.centre_in_world() - truth.centre_in_world()).norm();
         assert!(off < 1.5, "camera {}: {off} mm", truth.id);
     }
+}
+
+/// Pictures of that size have scan and timing of the shipped rig's cameras, which need not be those of these.
+#[test]
+fn a_rig_of_the_shipped_size_without_a_template_says_whose_timing_it_has() {
+    let files = Files::new();
+    let lenses = "--size 720x576 --without k2,k3,p1,p2";
+    let (code, told) = files.dots(&[0, 1, 2], NONE, lenses);
+    let timing = "without --rig, the rig has the shipped rig's scan (interlaced) and timing, with fields at 50 Hz: set \
+                  field_hz, line_ns, exposure_ns, scan and shutter";
+    assert!(code == 0 && told.contains(timing), "{told}");
+    assert!(!files.dots(&[0, 1, 2], NONE, &format!("{lenses} --rig rig.json")).1.contains("without --rig"));
+}
+
+/// A lens over pictures of twice the size is not determined by dots in a quarter of them.
+#[test]
+fn lists_of_pictures_of_half_the_size_are_noticed() {
+    let files = Files::new();
+    let doubt = "px of a picture of 1280×960 px: is --size right?";
+    let (code, told) = files.dots(&[0, 1, 2], NONE, "--size 1280x960 --without k1,k2,k3,p1,p2");
+    assert!(code == 0 && told.contains(doubt), "{code}: {told}");
+    let (code, told) = files.dots(&[0, 1, 2], NONE, "--size 1280x960");
+    assert!(code == 5 && told.contains(doubt), "{code}: {told}");
+    assert!(told.contains("nothing was written: all points of all cameras lie within"), "{told}");
+    assert!(told.contains("lens terms instead of") && !files.path("new.json").exists(), "{told}");
 }
 
 #[test]

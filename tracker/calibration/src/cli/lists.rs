@@ -1,4 +1,4 @@
-//! Point lists that are wrong as a whole: one list for two cameras.
+//! Point lists that are wrong as a whole: one list for two cameras, or lists of smaller pictures than was said.
 
 use super::short;
 use crate::target_problem::{Correspondence, TargetView};
@@ -15,6 +15,9 @@ const OTHERS: f64 = 0.1;
 const FEWEST: usize = 4;
 /// Dots nearer than this are one, mm; lists round to 1e-6.
 const SAME_DOT: f64 = 1e-6;
+/// Points of all cameras within this share of both width and height may be those of smaller pictures. Points of
+/// real rigs reach 0.8 of one of them at least.
+const SMALLER: f64 = 0.6;
 
 /// Image points by their dots.
 type Points = HashMap<[i64; 3], Vector2<f64>>;
@@ -71,6 +74,24 @@ fn same_points(first: &Points, second: &Points) -> Option<usize> {
     (common >= FEWEST && f64::from(others) <= OTHERS * common as f64).then_some(same)
 }
 
+/// The smallest pictures that hold all points of all cameras, if they are much smaller than `size`.
+pub fn smaller_pictures(sheets: &[TargetView], size: [u32; 2]) -> Option<[u32; 2]> {
+    let points = sheets.iter().flat_map(|sheet| &sheet.samples).map(|s| s.pixel);
+    let most = points.reduce(|most, at| most.sup(&at))?;
+    // A point in the last column lies before the picture's width.
+    let needed = [most.x, most.y].map(|px| px.max(1.0).floor() as u32 + 1);
+    let is_smaller = |(needed, all): (u32, u32)| f64::from(needed) <= SMALLER * f64::from(all);
+    needed.into_iter().zip(size).all(is_smaller).then_some(needed)
+}
+
+/// Doubts `--size`, if much smaller pictures would hold all points.
+pub fn doubt_of_size(sheets: &[TargetView], size: [u32; 2]) -> Option<String> {
+    let ([x, y], [w, h]) = (smaller_pictures(sheets, size)?, size);
+    Some(format!(
+        "all points of all cameras lie within {x}×{y} px of a picture of {w}×{h} px: is --size right?"
+    ))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -103,5 +124,15 @@ mod tests {
         let mut unseen = [list(0, 0.0, 0), list(1, 0.0, 0)];
         unseen.iter_mut().flat_map(|l| &mut l.samples[3..]).for_each(|s| s.pixel = Vector2::new(-1.0, -1.0));
         assert!(expect_different(&unseen, &[]).is_ok());
+    }
+
+    #[test]
+    fn lists_of_smaller_pictures_cast_doubt_on_the_size() {
+        let lists = [list(0, 0.0, 0), list(1, 30.0, 0)];
+        assert_eq!(smaller_pictures(&lists, [640, 640]), Some([221, 301]));
+        assert_eq!(smaller_pictures(&lists, [640, 480]), None, "the height is filled");
+        let told = doubt_of_size(&lists, [640, 640]).unwrap();
+        assert!(told.contains("within 221×301 px of a picture of 640×640 px: is --size right?"), "{told}");
+        assert_eq!(doubt_of_size(&[], [640, 640]), None);
     }
 }

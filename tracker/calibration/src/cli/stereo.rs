@@ -2,7 +2,7 @@
 
 use super::checks::{self, NotCompared};
 use super::lens_checks::{Determined, determined};
-use super::lists::expect_different;
+use super::lists::{doubt_of_size, expect_different};
 use super::recorded::EveryArgs;
 use super::target::{
     BoardArgs, Views, finish_unless, pass_over_weak, report_of, sift, views_of_pictures, with_notes,
@@ -89,7 +89,8 @@ fn views_of_cameras(args: &StereoArgs) -> anyhow::Result<Views> {
         }
     }
     expect_different(&sheets, &args.points)?;
-    let notes = pass_over_weak(&mut sheets);
+    let mut notes = pass_over_weak(&mut sheets);
+    notes.extend(doubt_of_size(&sheets, size));
     let sizes_px = vec![size; args.points.len()];
     checks::inside(&sheets, &sizes_px, "--size")?;
     Ok(Views { sheets, sizes_px, notes })
