@@ -183,7 +183,7 @@ fn bad_input_is_refused_in_words() {
     let empty = file("empty.jsonl", "");
     let poses = file("poses.csv", "t_ns,body\n");
     let rig = data("tracker/static/rig.json");
-    let cases: [(String, i32, &str); 27] = [
+    let cases: [(String, i32, &str); 28] = [
         ("".into(), 2, "Usage"),
         ("intrinsics --board 9x6".into(), 2, "PICTURE"),
         (format!("intrinsics {left}"), 2, "expected a board: --board COLUMNSxROWS"),
@@ -230,6 +230,11 @@ fn bad_input_is_refused_in_words() {
         (format!("dots --pictures {left} --target {list} --picked {plane}"), 1, "line 1: expected 3 numbers"),
         (format!("waved --rig {rig} {blobs}"), 1, "blobs.jsonl, line 1"),
         (format!("drift --rig {rig} {empty}"), 1, "too little to judge"),
+        (
+            format!("pivot --rig {rig} {empty}"),
+            1,
+            "empty.jsonl: too little to judge: 0 blobs: is it a stream of",
+        ),
         (format!("pivot --rig {rig} --poses {poses}"), 1, "expected a column x"),
     ];
     for (line, expected, named) in cases {
