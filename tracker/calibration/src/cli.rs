@@ -6,6 +6,7 @@ mod dots_checks;
 mod fields;
 mod fixed;
 mod lens_checks;
+mod lists;
 mod recorded;
 mod rig_file;
 mod stereo;

@@ -177,12 +177,13 @@ fn bad_input_is_refused_in_words() {
     let list = file("list.txt", "1 2 3 4 5\n1 2 x 4 5\n");
     let plane: String =
         (0..20).map(|i| format!("{} {} {} {} 0\n", 30 * (i % 5), 40 * (i / 5), i % 5, i / 5)).collect();
+    let further = file("further.txt", &plane.replace(" 0\n", " 1\n"));
     let plane = file("plane.txt", &plane);
     let blobs = file("blobs.jsonl", "{\"cam\":0}\n");
     let empty = file("empty.jsonl", "");
     let poses = file("poses.csv", "t_ns,body\n");
     let rig = data("tracker/static/rig.json");
-    let cases: [(String, i32, &str); 26] = [
+    let cases: [(String, i32, &str); 28] = [
         ("".into(), 2, "Usage"),
         ("intrinsics --board 9x6".into(), 2, "PICTURE"),
         (format!("intrinsics {left}"), 2, "expected a board: --board COLUMNSxROWS"),
@@ -194,7 +195,12 @@ fn bad_input_is_refused_in_words() {
         (format!("intrinsics --board 9x6 {nothing}"), 1, "no.jpg"),
         (format!("intrinsics --points {list} --size 640x480"), 1, "list.txt, line 2: X: expected a number"),
         (format!("stereo --board 9x6 --left {left} {left} --right {left}"), 1, "2 left and 1 right"),
-        (format!("dots --size 640x480 {plane} {plane}"), 1, "all dots lie in one plane"),
+        (
+            format!("stereo --board 9x6 --left {left} --right {left}"),
+            1,
+            "(54 dots) in left01.jpg and left01.jpg",
+        ),
+        (format!("dots --size 640x480 {plane} {further}"), 1, "all dots lie in one plane"),
         (
             format!("dots {plane}"),
             1,
@@ -224,6 +230,11 @@ fn bad_input_is_refused_in_words() {
         (format!("dots --pictures {left} --target {list} --picked {plane}"), 1, "line 1: expected 3 numbers"),
         (format!("waved --rig {rig} {blobs}"), 1, "blobs.jsonl, line 1"),
         (format!("drift --rig {rig} {empty}"), 1, "too little to judge"),
+        (
+            format!("pivot --rig {rig} {empty}"),
+            1,
+            "empty.jsonl: too little to judge: 0 blobs: is it a stream of",
+        ),
         (format!("pivot --rig {rig} --poses {poses}"), 1, "expected a column x"),
     ];
     for (line, expected, named) in cases {

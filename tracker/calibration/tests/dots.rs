@@ -48,7 +48,8 @@ fn list(camera: &Camera, flaws: Flaws) -> String {
         let noise = Vector2::new((i as f64 * 1.7).sin(), (i as f64 * 2.9).cos()) * 0.1;
         let mut at = camera.project(&dot(i)).unwrap() + noise;
         if flaws.wrong_every > 0 && i % flaws.wrong_every == 2 % flaws.wrong_every {
-            at = Vector2::new((i * 197 % 640) as f64, (i * 113 % 480) as f64);
+            let seed = i + 31 * camera.id as usize;
+            at = Vector2::new((seed * 197 % 640) as f64, (seed * 113 % 480) as f64);
         }
         let dot = dot((i + flaws.shifted) % 120) * flaws.unit;
         format!("{:.4} {:.4} {} {} {}\n", at.x, at.y, dot.x, dot.y, dot.z)
@@ -99,12 +100,38 @@ fn a_rig_is_written_without_a_template() {
     let files = Files::new();
     let (code, told) = files.dots(&[0, 1, 2], NONE, "--size 640x480 --without k2,k3,p1,p2");
     assert!(code == 0 && told.contains("without --rig, the rig has whole frames at 50 Hz"), "{told}");
+    assert!(!told.contains("is --size right?"), "{told}");
     let rig = Rig::load(&files.path("new.json")).unwrap();
     assert!(rig.cameras[1].cx < 0.0, "{}", rig.cameras[1].cx);
     for (found, truth) in rig.cameras().iter().zip(cameras()) {
         let off = (found.centre_in_world() - truth.centre_in_world()).norm();
         assert!(off < 1.5, "camera {}: {off} mm", truth.id);
     }
+}
+
+/// Pictures of that size have scan and timing of the shipped rig's cameras, which need not be those of these.
+#[test]
+fn a_rig_of_the_shipped_size_without_a_template_says_whose_timing_it_has() {
+    let files = Files::new();
+    let lenses = "--size 720x576 --without k2,k3,p1,p2";
+    let (code, told) = files.dots(&[0, 1, 2], NONE, lenses);
+    let timing = "without --rig, the rig has the shipped rig's scan (interlaced) and timing, with fields at 50 Hz: set \
+                  field_hz, line_ns, exposure_ns, scan and shutter";
+    assert!(code == 0 && told.contains(timing), "{told}");
+    assert!(!files.dots(&[0, 1, 2], NONE, &format!("{lenses} --rig rig.json")).1.contains("without --rig"));
+}
+
+/// A lens over pictures of twice the size is not determined by dots in a quarter of them.
+#[test]
+fn lists_of_pictures_of_half_the_size_are_noticed() {
+    let files = Files::new();
+    let doubt = "px of a picture of 1280×960 px: is --size right?";
+    let (code, told) = files.dots(&[0, 1, 2], NONE, "--size 1280x960 --without k1,k2,k3,p1,p2");
+    assert!(code == 0 && told.contains(doubt), "{code}: {told}");
+    let (code, told) = files.dots(&[0, 1, 2], NONE, "--size 1280x960");
+    assert!(code == 5 && told.contains(doubt), "{code}: {told}");
+    assert!(told.contains("nothing was written: all points of all cameras lie within"), "{told}");
+    assert!(told.contains("lens terms instead of") && !files.path("new.json").exists(), "{told}");
 }
 
 #[test]
@@ -186,6 +213,16 @@ fn exchanged_lists_are_named() {
         assert!(told.contains("list2 was given for camera 0, but fits camera 2"), "{told}");
         assert!(told.contains("list0 was given for camera 2, but fits camera 0"), "{told}");
         assert!(!told.contains("list1 was"), "{told}");
+    }
+}
+
+#[test]
+fn one_list_for_two_cameras_is_refused_by_name() {
+    let files = Files::new();
+    for more in ["--size 640x480", "--rig rig.json", "--size 640x480 --rig rig.json --splits 2"] {
+        let told = files.refused(&[0, 2, 2], NONE, more);
+        let expected = "cameras 1 and 2: expected image points by each camera, found the same ones (120 dots) in list2 and list2";
+        assert!(told.contains(expected), "{told}");
     }
 }
 

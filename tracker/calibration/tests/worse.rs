@@ -115,6 +115,13 @@ fn a_pair_of_cameras_of_which_one_was_pushed_is_kept_back() {
     let [old, new] = ["rig.json", "kept.json"].map(|name| Rig::load(&path(name)).unwrap().cameras());
     let baseline = |c: &[Camera]| (c[0].centre_in_world() - c[1].centre_in_world()).norm();
     assert!((baseline(&old) - baseline(&new)).abs() < 0.1, "{told}");
+    // One list for both cameras, under another name too.
+    std::fs::copy(path("boards0.csv"), path("again.csv")).unwrap();
+    let again = format!("{} -o {}", stereo.replace("boards1", "again"), path("twice.json").display());
+    let done = calibrate(&again.replace("/ -o", "/rig.json -o"));
+    let said = String::from_utf8(done.stderr).unwrap();
+    assert!(said.contains("the same ones (54 dots) in ") && said.contains("again.csv 0"), "{said}");
+    assert!(done.status.code() == Some(1) && !path("twice.json").exists());
     // A rig of three cameras is a template only.
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/rig.json");
     std::fs::copy(shipped, path("three.json")).unwrap();

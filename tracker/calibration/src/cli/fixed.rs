@@ -2,8 +2,8 @@
 
 use super::checks::NotCompared;
 use super::dots_checks::{self, Source};
-use super::target::{finish, report_of};
-use super::{OutputArgs, SolveArgs, checks, pair, progress, recorded, short, with_spinner};
+use super::target::{finish_unless, report_of, with_notes};
+use super::{OutputArgs, SolveArgs, checks, lists, pair, progress, recorded, short, with_spinner};
 use crate::agreement::{Agreeing, calibrate_agreeing};
 use crate::draws::Draws;
 use crate::fixed_dots::{CameraPrior, calibrate_on_dots, common_dots, held_out};
@@ -77,6 +77,7 @@ fn sheets_of_dots(args: &DotsArgs) -> anyhow::Result<(Vec<TargetView>, Vec<Sourc
             sources.push(Source { counted: view.counted, lines: view.lines });
         }
     }
+    lists::expect_different(&sheets, &args.points)?;
     Ok((sheets, sources))
 }
 
@@ -141,28 +142,39 @@ fn expect_different(all: &[Shown]) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// The dots that were picked by hand, in one list per camera.
+fn picked(lists: &[PathBuf]) -> anyhow::Result<Vec<TargetView>> {
+    let of_camera = |(camera, path): (usize, &PathBuf)| {
+        let samples = point_lists::load(path)?.into_iter().flat_map(|v| v.samples);
+        // Picking programs write (-1, -1) for a dot that was not seen.
+        let samples = samples.filter(|s| s.pixel.x >= 0.0 && s.pixel.y >= 0.0).collect();
+        Ok(TargetView { name: short(path), camera, view: 0, samples })
+    };
+    let picked: Vec<TargetView> = lists.iter().enumerate().map(of_camera).collect::<anyhow::Result<_>>()?;
+    lists::expect_different(&picked, lists)?;
+    Ok(picked)
+}
+
 /// The target's dots in a picture of each camera.
 fn sheets_of_target(args: &DotsArgs, pictures: &[Shown]) -> anyhow::Result<Vec<TargetView>> {
     let target =
         point_lists::load_target(args.target.as_deref().context("--target is needed with --pictures")?)?;
     let (count, lists) = (pictures.len(), args.picked.len());
     ensure!(count == lists, "--picked: expected a list for each of {count} pictures, found {lists}");
+    let picked = picked(&args.picked)?;
     let progress = progress("dots", Some(count as u64));
     let mut sheets = Vec::new();
-    for (camera, (shown, picked)) in pictures.iter().zip(&args.picked).enumerate() {
+    for (camera, (shown, picked)) in pictures.iter().zip(&picked).enumerate() {
         if let Some(size) = args.size {
             shown.expect_size(size, "by --size")?;
         }
-        // Picking programs write (-1, -1) for a dot that was not seen.
-        let picked = point_lists::load(picked)?.into_iter().flat_map(|v| v.samples);
-        let picked: Vec<_> = picked.filter(|s| s.pixel.x >= 0.0 && s.pixel.y >= 0.0).collect();
         let [bright, dark] = [false, true].map(|dark| dots::find(&shown.picture, dark));
         let (n, [name, file]) = (target.len(), &shown.names);
         ensure!(
             !bright.is_empty() || !dark.is_empty(),
             "{file}: expected the {n} dots of the target, round and on an even ground, found none"
         );
-        let of_colour = |dots: &[dots::Dot]| match_dots(shown.size_px(), dots, &target, &picked);
+        let of_colour = |dots: &[dots::Dot]| match_dots(shown.size_px(), dots, &target, &picked.samples);
         let samples = match (of_colour(&bright), of_colour(&dark)) {
             (Ok(bright), Ok(dark)) if dark.len() > bright.len() => dark,
             (Ok(found), _) | (Err(_), Ok(found)) => found,
@@ -172,6 +184,7 @@ fn sheets_of_target(args: &DotsArgs, pictures: &[Shown]) -> anyhow::Result<Vec<T
         progress.inc(1);
     }
     progress.finish_and_clear();
+    lists::expect_different(&sheets, &[])?;
     Ok(sheets)
 }
 
@@ -211,6 +224,22 @@ fn priors(
     Ok(before)
 }
 
+/// Fits the shipped rig to pictures of these sizes, and says that its timing is not that of the cameras.
+fn fit_timing(template: &mut Rig, sizes_px: &[[u32; 2]]) -> String {
+    let timing = match whole_frames(template, sizes_px) {
+        Some(fitted) => {
+            *template = fitted;
+            "whole frames".to_owned()
+        }
+        None => format!("the shipped rig's scan ({}) and timing, with fields", template.scan.name()),
+    };
+    format!(
+        "without --rig, the rig has {timing} at {} Hz: set field_hz, line_ns, exposure_ns, scan and shutter to those of \
+         the cameras",
+        template.field_hz
+    )
+}
+
 /// Inputs of a calibration on dots.
 struct Scene {
     /// The rig whose cameras are replaced.
@@ -240,16 +269,8 @@ fn scene(args: &DotsArgs) -> anyhow::Result<Scene> {
     let mut notes = vec!["the world is the frame of the dots".into()];
     let is_shipped = args.rig.is_none() && !args.pictures.iter().any(|path| is_recording(path));
     let is_written = args.output.output.is_some();
-    if is_shipped
-        && is_written
-        && let Some(fitted) = whole_frames(&template, &sizes_px)
-    {
-        template = fitted;
-        notes.push(format!(
-            "without --rig, the rig has whole frames at {} Hz: set field_hz, line_ns, exposure_ns, scan and shutter to \
-             those of the cameras",
-            template.field_hz
-        ));
+    if is_shipped && is_written {
+        notes.push(fit_timing(&mut template, &sizes_px));
     }
     if is_written {
         dots_checks::writable(&template, &before, &from)?;
@@ -279,6 +300,47 @@ fn check_unit(
     Ok(())
 }
 
+/// What speaks against the size of the pictures, if it was given with point lists, which do not show it.
+fn doubt_of_size(args: &DotsArgs, scene: &Scene) -> Option<String> {
+    args.size.filter(|_| args.pictures.is_empty()).and_then(|size| lists::doubt_of_size(&scene.sheets, size))
+}
+
+/// Why the size of the pictures is wrong: smaller ones hold all points, and with their size fewer points contradict each
+/// other or more terms of lenses are determined. If neither is so, the doubt is only noted.
+fn wrong_size(
+    args: &DotsArgs,
+    scene: &Scene,
+    Agreeing { found, wrong, .. }: &Agreeing,
+    notes: &mut Vec<String>,
+) -> Option<String> {
+    let doubt = doubt_of_size(args, scene)?;
+    let smaller = lists::smaller_pictures(&scene.sheets, args.size?)?;
+    let [points, terms] = [wrong.len(), found.left_out.len()];
+    let before = vec![CameraPrior::Size(smaller); scene.before.len()];
+    let other = || {
+        let (free, loss) = (args.solve.free(), args.solve.loss);
+        let other = calibrate_agreeing(&before, &scene.sheets, free, loss, &mut |_, _| {}).ok()?;
+        Some([other.wrong.len(), other.found.left_out.len()])
+    };
+    let fewer = |[p, t]: &[usize; 2]| *p < points || (*p == points && *t < terms);
+    let Some([p, t]) = (points + terms > 0).then(other).flatten().filter(fewer) else {
+        notes.push(doubt);
+        return None;
+    };
+    let [x, y] = smaller;
+    let left_out = format!("{p} points instead of {points} are left out");
+    let held = format!("{t} lens terms instead of {terms} are fixed at 0");
+    let better: Vec<String> = [(p < points, left_out), (t < terms, held)]
+        .into_iter()
+        .filter_map(|(is, said)| is.then_some(said))
+        .collect();
+    Some(format!(
+        "{doubt} With {x}×{y} px, {}. If the size is right, expected dots in all parts of the pictures, or --without the \
+         terms that are fixed",
+        better.join(" and ")
+    ))
+}
+
 /// Runs `vitreo calibrate dots`.
 ///
 /// # Errors
@@ -286,10 +348,14 @@ fn check_unit(
 pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
     let scene = scene(args)?;
     let (free, loss) = (args.solve.free(), args.solve.loss);
-    let Agreeing { found, sheets, wrong } = with_spinner("least squares", |tell| {
+    let agreeing = with_spinner("least squares", |tell| {
         calibrate_agreeing(&scene.before, &scene.sheets, free, loss, tell)
-    })?;
+    });
+    let doubt = || Vec::from_iter(doubt_of_size(args, &scene));
+    let agreeing = agreeing.map_err(|problem| with_notes(problem, &doubt()))?;
     let mut notes = scene.notes.clone();
+    let refused = wrong_size(args, &scene, &agreeing, &mut notes);
+    let Agreeing { found, sheets, wrong } = agreeing;
     notes.push(dots_checks::size_of(&found.scene.cameras, &sheets));
     notes.extend(dots_checks::left_out(&wrong, &scene.sheets, &scene.sources));
     notes.extend(checks::remarks(&found, &sheets));
@@ -305,7 +371,8 @@ pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
             HeldOut::of_dots(cameras, &sheets, learnt).ok_or(NotCompared::TooFewDots)
         })
     });
-    finish(&args.output, report, &found, held_out, || Ok(rig_with(template, &found.scene.cameras)?.to_json()))
+    let json = || Ok(rig_with(template, &found.scene.cameras)?.to_json());
+    finish_unless(Vec::from_iter(refused), &args.output, report, &found, held_out, json)
 }
 
 /// Adds the errors of held-out dots, if `--splits` is given.

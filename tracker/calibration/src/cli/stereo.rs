@@ -2,6 +2,7 @@
 
 use super::checks::{self, NotCompared};
 use super::lens_checks::{Determined, determined};
+use super::lists::{doubt_of_size, expect_different};
 use super::recorded::EveryArgs;
 use super::target::{
     BoardArgs, Views, finish_unless, pass_over_weak, report_of, sift, views_of_pictures, with_notes,
@@ -68,6 +69,7 @@ fn views_of_pairs(args: &StereoArgs) -> anyhow::Result<Views> {
     views.sheets.extend(right.sheets);
     views.sizes_px.extend(right.sizes_px);
     views.notes.extend(right.notes);
+    expect_different(&views.sheets, &[])?;
     repeats::number_anew(&mut views.sheets);
     Ok(views)
 }
@@ -86,7 +88,9 @@ fn views_of_cameras(args: &StereoArgs) -> anyhow::Result<Views> {
             sheets.push(TargetView { name, camera, view: at, samples: view.samples });
         }
     }
-    let notes = pass_over_weak(&mut sheets);
+    expect_different(&sheets, &args.points)?;
+    let mut notes = pass_over_weak(&mut sheets);
+    notes.extend(doubt_of_size(&sheets, size));
     let sizes_px = vec![size; args.points.len()];
     checks::inside(&sheets, &sizes_px, "--size")?;
     Ok(Views { sheets, sizes_px, notes })

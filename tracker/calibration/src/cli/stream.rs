@@ -21,7 +21,7 @@ use outputs::exit::DIFFERS;
 use protocol::blobs::BlobField;
 use protocol::poses::{BODY_NAMES, EYE};
 use rig::Rig;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Systematic shift of a camera's image that is tolerated by default, px. Balls
@@ -134,6 +134,18 @@ pub fn judged(rig: &Rig, fields: &[BlobField]) -> Judgement {
     judgement
 }
 
+/// As [`judged`]; a stream that shows too little of the bodies is refused.
+fn judged_enough(stream: &Path, rig: &Rig, fields: &[BlobField]) -> anyhow::Result<Judgement> {
+    let judgement = judged(rig, fields);
+    ensure!(
+        judgement.verdict != Verdict::TooLittle,
+        "{}: {}: is it a stream of this rig, and some seconds long?",
+        stream.display(),
+        judgement.text()
+    );
+    Ok(judgement)
+}
+
 /// Says that nothing was written, and why; the launcher's code for a verification that found a difference.
 fn nothing_written(
     output: &OutputArgs,
@@ -215,13 +227,7 @@ pub fn waved_report(rig: &Rig, found: &SelfCalibration, drifted: bool) -> Report
 /// A stream or rig that cannot be read, or too few usable instants.
 pub fn drift(args: &DriftArgs) -> anyhow::Result<ExitCode> {
     let (rig, fields) = args.from.fields(&args.stream)?;
-    let judgement = judged(&rig, &fields);
-    ensure!(
-        judgement.verdict != Verdict::TooLittle,
-        "{}: {}: is it a stream of this rig, and some seconds long?",
-        args.stream.display(),
-        judgement.text()
-    );
+    let judgement = judged_enough(&args.stream, &rig, &fields)?;
     let seen = with_spinner("tracking", |_| spread(collect(&rig, &fields), args.from.instants));
     let found = match drift_check::check(&rig, &seen, args.limit_px) {
         Ok(found) => found,
@@ -290,7 +296,7 @@ pub fn pivot(args: &PivotArgs) -> anyhow::Result<ExitCode> {
         None => {
             let path = args.stream.as_deref().context("a stream is needed")?;
             let (rig, fields) = args.from.fields(path)?;
-            let judgement = judged(&rig, &fields);
+            let judgement = judged_enough(path, &rig, &fields)?;
             if !judgement.holds {
                 return nothing_written(
                     &args.output,

@@ -3,7 +3,7 @@
 use super::checks::{self, NotCompared};
 use super::lens_checks::{Determined, determined};
 use super::recorded::{self, EveryArgs};
-use super::{OutputArgs, SolveArgs, pair, positive, progress, short, with_spinner};
+use super::{OutputArgs, SolveArgs, lists, pair, positive, progress, short, with_spinner};
 use crate::board::{Board, Pattern, Target};
 use crate::charuco::CharucoBoard;
 use crate::grey_image::GreyImage;
@@ -228,9 +228,10 @@ fn views_of_camera(args: &IntrinsicsArgs) -> anyhow::Result<Views> {
     let size = args.size.context("--size is needed with --points")?;
     let mut sheets = sheets_of_lists(&args.points, 0)?;
     let all = sheets.len();
-    let notes = pass_over_weak(&mut sheets);
+    let mut notes = pass_over_weak(&mut sheets);
     ensure!(!sheets.is_empty(), "none of {all} views can be used: {}", notes.join("; "));
     checks::inside(&sheets, &[size], "--size")?;
+    notes.extend(lists::doubt_of_size(&sheets, size));
     Ok(Views { sheets, sizes_px: vec![size], notes })
 }
 
@@ -290,18 +291,8 @@ pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
     finish_unless(weak, &args.output, report, &found, held_out, || Ok(json))
 }
 
-/// Prints the report and writes the result, unless the rig as it was predicts held-out points better.
-pub(super) fn finish(
-    out: &OutputArgs,
-    report: Report,
-    found: &Calibrated,
-    held_out: Option<Result<HeldOut, NotCompared>>,
-    json: impl FnOnce() -> anyhow::Result<String>,
-) -> anyhow::Result<ExitCode> {
-    finish_unless(Vec::new(), out, report, found, held_out, json)
-}
-
-/// As [`finish`]; nothing is written if there are `refusals` already.
+/// Prints the report and writes the result, unless there are `refusals` or the rig as it was predicts held-out points
+/// better.
 pub(super) fn finish_unless(
     mut refusals: Vec<String>,
     out: &OutputArgs,
