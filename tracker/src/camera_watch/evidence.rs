@@ -173,7 +173,8 @@ impl Evidence {
         let delta = self.estimate()?;
         let gain = self.gradient().dot(&delta);
         let px = libm::sqrt(delta.dot(&(self.spread * delta)).max(0.0) / self.blobs.max(1.0));
-        if gain < k::KNOCK_GAIN || px < k::KNOCK_LEAST_PX {
+        let least = k::KNOCK_GAIN.max(k::KNOCK_GAIN_PER_BLOB * self.blobs);
+        if gain < least || px < k::KNOCK_LEAST_PX {
             return None;
         }
         let mut agreeing = 0;
@@ -224,6 +225,28 @@ mod tests {
             own.blobs += 1.0;
         }
         (own, of_pose.try_inverse().expect("it holds the identity"), pull)
+    }
+
+    #[test]
+    fn many_blobs_off_by_less_than_their_deviation_show_no_moved_camera() {
+        let mut seen = [0; 2];
+        for tenths in 1..40 {
+            let mut evidence = Evidence::default();
+            let (own, of_pose, pull) = update(Vector2::new(0.1 * f64::from(tenths), 0.0), 6);
+            for n in 1..100 {
+                for body in [0, EYE] {
+                    evidence.take(body, &own, &of_pose, &pull, n * FIELD_PERIOD_NS);
+                }
+            }
+            let per_blob = evidence.gain() / evidence.blobs;
+            if evidence.gain() > k::KNOCK_GAIN {
+                let shown = per_blob > k::KNOCK_GAIN_PER_BLOB;
+                assert_eq!(evidence.verdict().is_some(), shown, "{per_blob:.2} per blob");
+                seen[usize::from(shown)] += 1;
+            }
+        }
+        println!("compared {seen:?}");
+        assert!(seen.iter().all(|n| *n >= 3), "{seen:?}");
     }
 
     #[test]
