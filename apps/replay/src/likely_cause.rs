@@ -51,14 +51,10 @@ impl OfLast {
         let judgement = &self.judgement;
         let (cause, remedy) = match judgement.verdict {
             Verdict::Explained => (judgement.named(), judgement.remedies()),
-            Verdict::Unknown => {
-                let cause = format!("none of {} known causes explains it", judgement.tried);
-                (
-                    cause,
-                    "record while both instruments are waved, then: vitreo calibrate drift RECORDING.mcap"
-                        .into(),
-                )
-            }
+            Verdict::Unknown => (
+                "no known cause explains it".into(),
+                "record while both instruments are waved, then: vitreo calibrate drift RECORDING.mcap".into(),
+            ),
             _ => return None,
         };
         if !judgement.is_reported() {

@@ -7,7 +7,7 @@
 
 use crate::CalibrationError;
 use crate::bundle::{Freedom, Part, PriorSigmas};
-use crate::causes::together::WIDE;
+use crate::causes::together::{WIDE, estimate};
 use crate::causes::{Cause, Judgement, Verdict, measure};
 use crate::self_calibration::{SelfCalibration, refine_stream_free};
 use protocol::blobs::BlobField;
@@ -23,7 +23,7 @@ const BETTER: f64 = 0.98;
 /// held-out instants: freedom alone takes away a little of what no place of a camera explains, a parity for one.
 const OF_UNKNOWN: f64 = 0.75;
 
-/// What came of it.
+/// Result of a refinement.
 pub enum Mended {
     /// A rig that predicts held-out instants better.
     Better {
@@ -62,12 +62,26 @@ fn freedom(rig: &Rig, known: &PriorSigmas, judgement: &Judgement) -> Result<Free
         return Err(format!("the lens of camera {camera} is wrong, and a refined place would only hide it"));
     }
     if causes().any(|cause| parts(rig, cause).is_none()) {
-        return Err("waved instruments cannot correct that".into());
+        return Err("waving the instruments cannot correct this cause".into());
     }
     if causes().filter(|cause| matches!(cause, Cause::MarkerMoved { .. })).count() > 1 {
-        return Err("the stream does not say which marker was moved, and tips depend on it".into());
+        return Err(
+            "the stream does not determine which marker moved, and a wrong choice would displace the tip"
+                .into(),
+        );
     }
     Ok(of(causes().next().and_then(|cause| parts(rig, cause)).unwrap_or_default()))
+}
+
+/// True where no certain part of the rig is named: then everything is free, and takes up a wrong lens as well.
+fn is_not_pinned(judgement: &Judgement) -> bool {
+    let several = judgement.explanations.iter().any(|e| e.cause == Cause::Drifted);
+    judgement.verdict == Verdict::Unknown || several
+}
+
+/// True where nothing but noise speaks against a rig.
+fn leaves_noise(rig: &Rig, fields: &[BlobField]) -> bool {
+    estimate(rig, fields).is_ok_and(|found| found.above.is_noise())
 }
 
 fn begin_and_end(fields: &[BlobField]) -> [u64; 2] {
@@ -126,11 +140,18 @@ pub fn mend(
     if held_out_px[1] >= share * held_out_px[0] {
         let [before, after] = held_out_px;
         return Ok(Mended::Nothing(format!(
-            "the refined rig does not predict held-out instants better: residual {after:.3} px, previous rig {before:.3} px; \
-             {} at most {:.3} px",
+            "the refined rig does not predict held-out instants better: residual {after:.4} px, previous rig {before:.4} px; \
+             {} at most {:.4} px",
             if is_unknown { "with an unknown cause, it must be" } else { "it must be" },
             share * before
         )));
+    }
+    if is_not_pinned(judgement) && !leaves_noise(&learnt, &rest) {
+        return Ok(Mended::Nothing(
+            "what the refined rig leaves is above the noise, so places of cameras and markers are not what is wrong, and \
+             refined ones would only hide it"
+                .into(),
+        ));
     }
     let found = Box::new(refine_stream_free(rig, fields, &free, most, progress)?);
     Ok(Mended::Better { found, held_out_px })

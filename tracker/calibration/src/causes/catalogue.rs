@@ -42,20 +42,20 @@ pub enum Cause {
     },
     /// Fields say that they are of the even lines where they are of the odd ones.
     ParitySwapped {
-        /// Of this camera; `None`: of all.
+        /// Camera concerned; `None` means all.
         camera: Option<u32>,
     },
     /// Two fields of a picture were exposed together, and carry stamps a field period apart: the camera
     /// is progressive.
     Progressive {
-        /// This camera; `None`: all.
+        /// Camera concerned; `None` means all.
         camera: Option<u32>,
     },
     /// Time stamps of a camera are late (positive) or early against the others'.
     ClockShifted {
         /// Camera id.
         camera: u32,
-        /// By so much, ms.
+        /// Offset, ms.
         by_ms: f64,
     },
     /// Another scale.
@@ -65,7 +65,7 @@ pub enum Cause {
         /// Factor: above 1 the pictures are larger, or the rig has the cameras too far apart.
         factor: f64,
     },
-    /// A marker sits elsewhere on its body.
+    /// A marker is displaced on its body.
     MarkerMoved {
         /// Body.
         body: &'static str,
@@ -74,7 +74,7 @@ pub enum Cause {
         /// Shift in the body's frame, mm.
         by_mm: [f64; 3],
     },
-    /// A camera stands otherwise.
+    /// A camera's pose has changed.
     CameraMoved {
         /// Camera id.
         camera: u32,
@@ -83,12 +83,12 @@ pub enum Cause {
         /// Distance of the centres of projection, mm.
         shift_mm: f64,
     },
-    /// Two cameras stand otherwise, each in its own way.
+    /// The poses of two cameras have changed, each differently.
     CamerasMoved {
         /// Their ids.
         cameras: [u32; 2],
     },
-    /// Several cameras or markers are beside their places.
+    /// Several cameras or markers are displaced.
     Drifted,
     /// The lens of a camera is not the one of the rig.
     Lens {
@@ -96,14 +96,14 @@ pub enum Cause {
         camera: u32,
         /// Its focal length, as a multiple of the rig's.
         focal: f64,
-        /// By how much its principal point is elsewhere, px.
+        /// Shift of its principal point, px.
         centre_px: [f64; 2],
         /// By how much its first radial term of distortion is larger.
         k1: f64,
     },
     /// Pictures have another size than the rig says.
     PictureSize {
-        /// Of this camera; `None`: of all.
+        /// Camera concerned; `None` means all.
         camera: Option<u32>,
         /// Their width and height, px.
         size_px: [u32; 2],
@@ -320,7 +320,9 @@ impl fmt::Display for Cause {
             }
             Cause::Scale { camera: None, factor } => write!(
                 f,
-                "the scale is wrong for all cameras alike, by the factor {factor:.4}: distances between cameras against the size of the bodies"
+                "the distances between the cameras are {:.2} % too {} for the size of the bodies",
+                100.0 * (factor - 1.0).abs(),
+                if *factor > 1.0 { "large" } else { "small" }
             ),
             Cause::MarkerMoved { body, marker, by_mm } => {
                 let ([x, y, z], mm) = (by_mm, norm(by_mm));

@@ -13,6 +13,9 @@ use std::collections::BTreeMap;
 
 /// A colour is used less in one camera than in another where its share is below this part of the other's.
 const LESS: f64 = 0.6;
+/// Blobs of a colour that no marker has, as a share of those that another camera shows of a marker's colour: fewer are
+/// reflections, and the marker's blobs are not among them.
+const AS_MANY: f64 = 0.5;
 /// A marker is hardly ever measured where it has its blob in a smaller share of the fields than this.
 const SELDOM: f64 = 0.3;
 
@@ -65,6 +68,29 @@ impl Usage {
         is_seen && self.share(camera, colour) < LESS * best
     }
 
+    fn count(&self, camera: u32, colour: Colour) -> u32 {
+        self.colours.get(&(camera, colour as u32)).map_or(0, |[_, all]| *all)
+    }
+
+    /// True where the blobs of these colours may be each other's in a camera. Where no marker has one of them, there must be
+    /// about as many blobs of it as others see of the marker's colour; else the swap only hides what a moved camera shows.
+    fn may_be_swapped(&self, rig: &Rig, camera: u32, colours: [Colour; 2]) -> bool {
+        let has_markers =
+            |colour: Colour| rig.bodies.iter().any(|b| b.markers.iter().any(|m| m.colour == colour));
+        let as_many = |without: Colour, with: Colour| {
+            let others = rig.cameras.iter().map(|c| c.id).filter(|id| *id != camera);
+            let most = others.map(|id| self.count(id, with)).max().unwrap_or(0);
+            f64::from(self.count(camera, without)) > AS_MANY * f64::from(most)
+        };
+        let [a, b] = colours;
+        match (has_markers(a), has_markers(b)) {
+            (true, true) => true,
+            (true, false) => as_many(b, a),
+            (false, true) => as_many(a, b),
+            (false, false) => false,
+        }
+    }
+
     fn is_seldom_measured(&self, marker: (usize, usize)) -> bool {
         let used = self.markers.get(&marker).copied().unwrap_or(0);
         f64::from(used) < SELDOM * f64::from(self.fields)
@@ -79,6 +105,7 @@ pub fn swaps(rig: &Rig, fields: &[BlobField]) -> Vec<Cause> {
         let hardly_used = |colour: &Colour| usage.is_hardly_used(rig, camera, *colour);
         for (i, a) in Colour::ALL.iter().enumerate() {
             let others = Colour::ALL[i + 1..].iter().filter(|b| hardly_used(a) || hardly_used(b));
+            let others = others.filter(|b| usage.may_be_swapped(rig, camera, [*a, **b]));
             causes.extend(others.map(|b| Cause::ColoursSwapped { colours: [*a, *b], cameras: vec![camera] }));
         }
     }

@@ -227,6 +227,7 @@ fn beginning(before: &Left, since_ns: u64) -> Judgement {
     Judgement {
         verdict: Verdict::TooLittle,
         left_px: before.all.rms().unwrap_or(0.0),
+        used_px: before.explained.rms().unwrap_or(0.0),
         blobs: before.all.count,
         since_s: since_ns as f64 * 1e-9,
         holds: holds(before),

@@ -44,7 +44,9 @@ pub struct Judgement {
     pub verdict: Verdict,
     /// Reprojection residual, root mean square, px; a blob that no marker explains counts as 2 px.
     pub left_px: f64,
-    /// Number of blobs it was measured over.
+    /// The same of the blobs that measured poses.
+    pub used_px: f64,
+    /// Number of blobs, explained or not.
     pub blobs: u64,
     /// Exposure of the first affected field, s after the first field; 0 from the start.
     pub since_s: f64,
@@ -74,8 +76,13 @@ impl Judgement {
                 100.0 * self.unexplained,
                 self.blobs
             ),
-            Verdict::NothingWrong => format!("no fault found: {left} (unexplained blobs count as 2 px)"),
-            Verdict::Unknown => format!("{since}; none of {} causes explains it", self.tried),
+            Verdict::NothingWrong => format!(
+                "no fault found: reprojection residual {:.2} px RMS over {} blobs; {:.1} % of the blobs belong to no marker",
+                self.used_px,
+                self.blobs,
+                100.0 * self.unexplained
+            ),
+            Verdict::Unknown => format!("{since}; no known cause explains it"),
             Verdict::Stopped => format!("{since}; the search was stopped before a cause was found"),
             Verdict::Explained => {
                 let named = self
@@ -109,7 +116,7 @@ impl Judgement {
         }
         match self.verdict {
             Verdict::TooLittle | Verdict::NothingWrong => None,
-            Verdict::Unknown => Some(format!("{left}; none of {} known causes explains it", self.tried)),
+            Verdict::Unknown => Some(format!("{left}; no known cause explains it")),
             Verdict::Stopped => Some(format!("{left}; the search was stopped before a cause was found")),
             Verdict::Explained => {
                 Some(format!("likely cause: {} ({left}){}", self.named(), self.what_helps()))
@@ -150,6 +157,7 @@ mod tests {
         let judgement = |verdict, above_px| Judgement {
             verdict,
             left_px: 0.3,
+            used_px: 0.2,
             blobs: 5000,
             since_s: 0.0,
             holds: false,
@@ -160,9 +168,9 @@ mod tests {
         };
         let little = judgement(Verdict::Unknown, 0.03);
         assert_eq!(little.paragraph(0.0), None);
-        assert!(little.text().contains("none of 29 causes"), "who asks for it is answered");
+        assert!(little.text().contains("no known cause explains it"), "who asks for it is answered");
         let much = judgement(Verdict::Unknown, 0.2).paragraph(0.0).expect("a paragraph");
-        assert!(much.contains("none of 29 known causes explains it"), "{much}");
+        assert!(much.contains("no known cause explains it"), "{much}");
         assert!(judgement(Verdict::Stopped, 0.03).paragraph(0.0).is_some());
     }
 }
