@@ -7,6 +7,7 @@ use calibration::causes::{Cause, Judgement, Verdict, Work, judge, judge_within};
 use calibration::drift_check;
 use calibration::mend::{Mended, mend};
 use calibration::observations::collect;
+use calibration::rig_view::Viewer;
 use calibration::self_calibration::spread;
 use rig::Rig;
 use rig::sensor::Scan;
@@ -15,10 +16,12 @@ use rig::sensor::Scan;
 const SECONDS: f64 = 4.0;
 /// Seeds from here on have the kinds of defects that were added later, too.
 const LATER: u64 = 30_000;
+/// Seeds from here on have strong tremor and everything that makes tracking hard, too.
+const ALL_SCENARIOS: u64 = 40_000;
 /// Instants that `drift` and `waved` use.
 const INSTANTS: usize = 200;
 
-/// What was said of a stream.
+/// What the commands report of a stream.
 pub struct Said {
     /// Seed.
     pub seed: u64,
@@ -32,7 +35,9 @@ pub struct Said {
     pub judgement: Judgement,
     /// True if the planted cause is named, or nothing is where nothing was planted.
     pub right: bool,
-    /// True if `drift` (and `pivot`, by the same judgement) says that the rig holds.
+    /// True if `rig check`, which sees the rig file alone, finds anything.
+    pub rig_check_reports: bool,
+    /// True if `drift` says that the rig holds; `pivot` refuses unless the judgement says so.
     pub drift_holds: bool,
     /// What `waved` does: the residuals of held-out instants before and after, px, or why nothing is written.
     pub waved: Result<[f64; 2], String>,
@@ -70,9 +75,14 @@ pub fn draw(seed: u64, whole: bool, intact: bool) -> (Defect, Planted) {
     (defect, plant_on(rig, defect, scenario(seed), seed, SECONDS, 0.0))
 }
 
-/// Cameras of one block of seeds in four are free-running.
+/// Cameras of one block of seeds in four are free-running; of later seeds, those with tremor and the hard ones as well.
 fn scenario(seed: u64) -> Scenario {
-    if (seed / 16).is_multiple_of(4) { Scenario::Async } else { Scenario::Nominal }
+    match (seed / 16) % 4 {
+        0 => Scenario::Async,
+        1 if seed >= ALL_SCENARIOS => Scenario::Tremor,
+        2 if seed >= ALL_SCENARIOS => Scenario::Hard,
+        _ => Scenario::Nominal,
+    }
 }
 
 /// Draws a stream of the rig file of which a lens is wrong; which one, and how, follows from the seed.
@@ -93,6 +103,8 @@ pub fn said_of(seed: u64, whole: bool, (defect, planted): (Defect, Planted)) -> 
     let judgement = judge(&rig, &fields, |_, _| true);
     let named = |cause: &Cause| judgement.explanations.iter().any(|e| is_truth(&e.cause, cause));
     let right = truth.as_ref().map_or(judgement.verdict == Verdict::NothingWrong, named);
+    let rig_check_reports =
+        tracker::rig_check::check(&rig).is_err() || !Viewer::new(&rig).view().missing.is_empty();
     let seen = spread(collect(&rig, &fields), INSTANTS);
     let checked = drift_check::check(&rig, &seen, calibration::cli::LIMIT_PX);
     let drift_holds = judgement.holds && checked.is_ok_and(|c| !c.drifted());
@@ -103,5 +115,16 @@ pub fn said_of(seed: u64, whole: bool, (defect, planted): (Defect, Planted)) -> 
     };
     let replay_is_silent = judge_within(&rig, &fields, &Work::AT_END, |_, _| true).paragraph(0.0).is_none();
     let truth = truth.map_or("nothing".into(), |c| c.to_string());
-    Said { seed, whole, defect, truth, judgement, right, drift_holds, waved, replay_is_silent }
+    Said {
+        seed,
+        whole,
+        defect,
+        truth,
+        judgement,
+        right,
+        rig_check_reports,
+        drift_holds,
+        waved,
+        replay_is_silent,
+    }
 }
