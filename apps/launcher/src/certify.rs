@@ -90,7 +90,7 @@ pub struct CertifyArgs {
     /// Instance name of the measurement.
     #[arg(long, value_name = "NAME", default_value = "certify")]
     pub instance: String,
-    /// Whether files that exist are written over.
+    /// Overwrite existing files.
     #[command(flatten)]
     pub force: Force,
 }

@@ -34,7 +34,7 @@ pub struct PlayArgs {
     /// Print the controls of keyboard, mouse and gamepad, and exit.
     #[arg(long)]
     pub keys: bool,
-    /// The rig; of it the trocars count.
+    /// Rig file; only its trocars are used.
     #[command(flatten)]
     pub rig: RigArgs,
     /// Name of this simulator.
@@ -43,19 +43,19 @@ pub struct PlayArgs {
     /// Save the attempts in the results store under this pseudonym.
     #[arg(long, help_heading = "Results", value_name = "NAME", conflicts_with = "scene")]
     pub trainee: Option<String>,
-    /// Where the store lies.
+    /// Folder of the results store.
     #[command(flatten, next_help_heading = "Results")]
     pub store: StoreArgs,
     /// Record the run; a restart or the next level begins another, numbered file.
     #[arg(long, help_heading = "Outputs", value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
-    /// How the recording is written.
+    /// Compression and splitting.
     #[command(flatten, next_help_heading = "Outputs")]
     pub writing: WritingArgs,
     /// Write a report with the figures of the run.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
-    /// Whether it is traced.
+    /// Trace options.
     #[command(flatten)]
     pub trace: TraceOutArgs,
     /// `--force`.

@@ -193,7 +193,7 @@ fn figure(report: &Report) -> Histogram {
         ranges.iter().map(|r| Bin { from: r.from_ms, to: r.to_ms, count: r.count }).collect()
     };
     Histogram {
-        title: "From the last blobs to the poses read, beside the machine's wake-ups".into(),
+        title: "Latency from the last blobs to the received poses, and of the machine's wake-ups".into(),
         across: "ms".into(),
         up: "count per bin".into(),
         series: vec![

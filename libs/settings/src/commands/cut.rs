@@ -17,7 +17,7 @@ pub struct CutArgs {
     /// The new recording.
     #[arg(short, long, value_name = "OUT.mcap")]
     pub output: PathBuf,
-    /// How it is written.
+    /// Compression and splitting.
     #[command(flatten)]
     pub writing: WritingArgs,
     /// `--force`.

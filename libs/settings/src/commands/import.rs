@@ -19,7 +19,7 @@ pub struct ImportArgs {
     /// The recording to write.
     #[arg(short, long, value_name = "FILE.mcap")]
     pub output: PathBuf,
-    /// How it is written.
+    /// Compression and splitting.
     #[command(flatten)]
     pub writing: WritingArgs,
     /// `--force`.

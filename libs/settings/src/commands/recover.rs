@@ -13,7 +13,7 @@ pub struct RecoverArgs {
     /// Repaired recording to write.
     #[arg(short, long, value_name = "OUT.mcap")]
     pub output: PathBuf,
-    /// How it is written.
+    /// Compression and splitting.
     #[command(flatten)]
     pub writing: WritingArgs,
     /// `--force`.
