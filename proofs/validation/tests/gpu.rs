@@ -53,6 +53,39 @@ fn both(device: &GpuDevice, scene: &Scene) -> [([Answer; 2], bool); 2] {
 }
 
 #[test]
+fn a_timed_query_gives_the_same_bits_and_the_times_of_its_parts() {
+    let Some(device) = device() else { return };
+    // The first scene with many collisions.
+    let mut random = Random::from_seed(12);
+    let scene = std::iter::repeat_with(|| Scene::random(&mut random, &[32]))
+        .take(SCENES)
+        .find(|scene| collisions(scene).len() > 20)
+        .expect("a scene with contact");
+    let mut image = InstrumentImage::new(scene.tool, RADIUS_MM, &scene.volume);
+    image.prepare(scene.jaw_rad, &scene.volume);
+    let position_mm = scene.position_mm.each_ref().map(Vec::as_slice);
+    let surface = Surface { position_mm, triangles: &scene.triangles, alive: &scene.alive };
+    let mut gpu = GpuZcoll::new(device, scene.volume, &scene.triangles, scene.position_mm[0].len()).unwrap();
+    assert_eq!(gpu.part_times().unwrap(), None, "nothing is timed unless asked for");
+    let look = |gpu: &mut GpuZcoll| {
+        let found = gpu.query(&image.ahead(), &scene.instrument_from_eye, &surface).unwrap();
+        (found, gpu.triangles().to_vec(), gpu.displaced().to_vec(), gpu.hits().to_vec())
+    };
+    let plain = look(&mut gpu);
+    assert!(plain.0.pixels > 0, "a scene without contact compares nothing");
+    if !gpu.time_parts() {
+        eprintln!("times of parts not checked: {} has no timestamps", gpu.gpu().name());
+        return;
+    }
+    assert_eq!(look(&mut gpu), plain);
+    let times = gpu.part_times().unwrap().expect("times");
+    for (part, ns) in [("draw", times.draw), ("analyse", times.analyse), ("read-back", times.read_back)] {
+        assert!((0.0..5e9).contains(&ns), "{part}: {ns} ns");
+    }
+    assert!(times.draw > 0.0, "{times:?}");
+}
+
+#[test]
 fn an_adapter_gives_the_same_bits() {
     let Some(device) = device() else { return };
     let mut random = Random::from_seed(11);

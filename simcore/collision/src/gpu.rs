@@ -19,10 +19,12 @@
 
 mod device;
 mod layout;
+mod part_clock;
 mod passes;
 
 pub use device::{GpuDevice, GpuError};
 pub use layout::QueryParams;
+pub use part_clock::PartTimes;
 pub use passes::SHADER;
 
 use super::instrument_image::{Side, Volume};
@@ -30,6 +32,7 @@ use super::surface::{Frame, Surface};
 use super::zcoll::{Contacts, PixelContact};
 use layout::{COUNTERS, Lists, WORDS};
 use nalgebra::Isometry3;
+use part_clock::PartClock;
 use wgpu::{BindGroup, Buffer, BufferUsages, CommandEncoder};
 
 /// Threads of a workgroup of the cull and the drawing.
@@ -40,6 +43,14 @@ const MOST_GROUPS: usize = 65_535;
 const DRAWING_GROUPS: usize = 256;
 /// The same where the processor does the work.
 const DRAWING_GROUPS_SOFTWARE: usize = 8;
+
+/// A part of a query, in their order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Part {
+    Draw,
+    Analyse,
+    ReadBack,
+}
 
 /// Word of each counter, as in zcoll.wgsl.
 mod counter {
@@ -105,6 +116,8 @@ pub struct GpuZcoll {
     nodes: Vec<(u32, i32)>,
     hits: Vec<PixelContact>,
     vertices: Vec<(u32, i32)>,
+    /// Where the parts of queries are timed.
+    clock: Option<PartClock>,
 }
 
 impl GpuZcoll {
@@ -156,6 +169,7 @@ impl GpuZcoll {
             nodes: Vec::with_capacity(lists.most[1].min(3 * pixels)),
             hits: Vec::with_capacity(pixels),
             vertices: Vec::new(),
+            clock: None,
             gpu,
         })
     }
@@ -163,6 +177,18 @@ impl GpuZcoll {
     /// The adapter.
     pub fn gpu(&self) -> &GpuDevice {
         &self.gpu
+    }
+
+    /// Times the parts of all further queries; false where the adapter has no timestamps. A timed query has its parts
+    /// in passes of their own, and takes a little longer.
+    pub fn time_parts(&mut self) -> bool {
+        self.clock = PartClock::new(&self.gpu);
+        self.clock.is_some()
+    }
+
+    /// Times of the parts of the last query that was timed; `None` where none is.
+    pub fn part_times(&self) -> Result<Option<PartTimes>, GpuError> {
+        self.clock.as_ref().map(|clock| clock.read(&self.gpu)).transpose()
     }
 
     /// As [`super::zcoll::Zcoll::query`], or [`super::zcoll::Zcoll::query_reversed`] for an
@@ -180,16 +206,7 @@ impl GpuZcoll {
             return Ok(Contacts::default());
         }
         self.send(side, instrument_from_eye, surface)?;
-        let mut encoder = self.begin();
-        {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-            pass.set_bind_group(0, &self.group, &[]);
-            self.draw(&mut pass);
-            pass.set_pipeline(&self.gpu.passes.draw_name);
-            pass.dispatch_workgroups(self.drawing_groups(), 1, 1);
-            pass.set_pipeline(&self.gpu.passes.reduce);
-            pass.dispatch_workgroups(1, 1, 1);
-        }
+        let encoder = self.query_commands();
         let counters = self.fetch(encoder, [true; 3])?;
         let (triangles, nodes) = (&mut self.triangles, &mut self.nodes);
         triangles.sort_unstable();
@@ -314,6 +331,35 @@ impl GpuZcoll {
         encoder
     }
 
+    /// Commands of a query until its results are there; between its parts the clock, if there is one, takes the time.
+    fn query_commands(&self) -> CommandEncoder {
+        let mut encoder = self.begin();
+        let stamp = |encoder: &mut CommandEncoder, part: Part| {
+            if let Some(clock) = &self.clock {
+                clock.end(encoder, part);
+            }
+        };
+        if let Some(clock) = &self.clock {
+            clock.begin(&mut encoder);
+        }
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        pass.set_bind_group(0, &self.group, &[]);
+        self.draw(&mut pass);
+        pass.set_pipeline(&self.gpu.passes.draw_name);
+        pass.dispatch_workgroups(self.drawing_groups(), 1, 1);
+        if self.clock.is_some() {
+            drop(pass);
+            stamp(&mut encoder, Part::Draw);
+            pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            pass.set_bind_group(0, &self.group, &[]);
+        }
+        pass.set_pipeline(&self.gpu.passes.reduce);
+        pass.dispatch_workgroups(1, 1, 1);
+        drop(pass);
+        stamp(&mut encoder, Part::Analyse);
+        encoder
+    }
+
     /// The cull and the depth image.
     fn draw(&self, pass: &mut wgpu::ComputePass<'_>) {
         let groups = self.lists.triangles.div_ceil(GROUP).clamp(1, MOST_GROUPS);
@@ -333,6 +379,9 @@ impl GpuZcoll {
     fn fetch(&mut self, mut encoder: CommandEncoder, wanted: [bool; 3]) -> Result<[u32; COUNTERS], GpuError> {
         let at_once = self.lists.at_once();
         let ends = copy(&mut encoder, &self.memory, &self.memory.staging, &self.lists, at_once);
+        if let Some(clock) = &self.clock {
+            clock.end(&mut encoder, Part::ReadBack);
+        }
         let (mut counters, mut complete) = ([0; COUNTERS], true);
         let found = |counters: &[u32; COUNTERS]| {
             let counts = [counter::TRIANGLES, counter::NODES, counter::PIXELS].map(|c| counters[c] as usize);

@@ -1,6 +1,7 @@
 //! Opens a graphics adapter for computing and runs what is submitted to it, with a bound on every
 //! wait.
 
+use super::part_clock::FEATURES;
 use super::passes::Passes;
 use std::sync::Arc;
 use std::sync::OnceLock;
@@ -99,6 +100,8 @@ impl GpuDevice {
         let room = limits.max_buffer_size.min(limits.max_storage_buffer_binding_size);
         let request = wgpu::DeviceDescriptor {
             label: Some("collision"),
+            // For those who time the parts of a query.
+            required_features: adapter.features() & FEATURES,
             required_limits: limits,
             ..wgpu::DeviceDescriptor::default()
         };
