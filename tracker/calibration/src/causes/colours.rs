@@ -137,3 +137,32 @@ fn of_markers(rig: &Rig, usage: &Usage) -> Vec<Cause> {
     }
     causes
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_colour_that_no_marker_has_is_swapped_where_it_has_as_many_blobs() {
+        let rig = Rig::load_or_shipped(None).unwrap();
+        let has = |colour: Colour| rig.bodies.iter().any(|b| b.markers.iter().any(|m| m.colour == colour));
+        let with = *Colour::ALL.iter().find(|c| has(**c)).expect("markers");
+        let without = *Colour::ALL.iter().find(|c| !has(**c)).expect("a colour without markers");
+        let [here, there] = [0, 1].map(|i| rig.cameras[i].id);
+        let swapped = |blobs: u32| {
+            let colours = BTreeMap::from([
+                ((here, without as u32), [0, blobs]),
+                ((here, with as u32), [3, 20]),
+                ((there, with as u32), [95, 100]),
+            ]);
+            let usage = Usage { colours, ..Usage::default() };
+            assert_eq!(
+                usage.may_be_swapped(&rig, here, [with, without]),
+                usage.may_be_swapped(&rig, here, [without, with])
+            );
+            usage.may_be_swapped(&rig, here, [with, without])
+        };
+        assert!(!swapped(10), "reflections");
+        assert!(swapped(90), "the marker's blobs");
+    }
+}
