@@ -318,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hidden_corner_is_told() {
+    fn a_hidden_corner_is_reported() {
         let board = Board { pattern: Pattern::Chessboard, columns: 8, rows: 5, pitch_mm: 10.0 };
         let (camera, place) = (camera(640), place(&board, Vector3::new(0.2, 0.1, 0.0), 130.0));
         let picture = draw(&board, &camera, &place);

@@ -108,6 +108,27 @@ fn affected(fields: &[BlobField], judgement: &Judgement) -> Result<Vec<BlobField
     Ok(fields.iter().filter(|f| f.exposed_ns >= from).copied().collect())
 }
 
+/// Why a refined rig is not kept; `held_out_px` as in [`Mended::Better`], `rest` the fields that it was not refined by.
+fn why_not(judgement: &Judgement, held_out_px: [f64; 2], learnt: &Rig, rest: &[BlobField]) -> Option<String> {
+    let [before, after] = held_out_px;
+    let (share, must) = match judgement.verdict {
+        Verdict::Unknown => (OF_UNKNOWN, "with an unknown cause, it must be"),
+        _ => (BETTER, "it must be"),
+    };
+    if after >= share * before {
+        return Some(format!(
+            "the refined rig does not predict held-out instants better: residual {after:.4} px, previous rig {before:.4} px; \
+             {must} at most {:.4} px",
+            share * before
+        ));
+    }
+    (is_not_pinned(judgement) && !leaves_noise(learnt, rest)).then(|| {
+        "what the refined rig leaves is above the noise, so places of cameras and markers are not what is wrong, and \
+         refined ones would only hide it"
+            .into()
+    })
+}
+
 /// Refines a rig by a stream that was judged, or by what of it follows a change.
 ///
 /// # Errors
@@ -135,23 +156,8 @@ pub fn mend(
         fields.iter().partition(|f| f.exposed_ns < half);
     let learnt = refine_stream_free(rig, &learnt_by, &free, most, progress)?.bundle.rig(rig);
     let held_out_px = [rig, &learnt].map(|rig| measure(rig, &rest).mean().sqrt());
-    let is_unknown = judgement.verdict == Verdict::Unknown;
-    let share = if is_unknown { OF_UNKNOWN } else { BETTER };
-    if held_out_px[1] >= share * held_out_px[0] {
-        let [before, after] = held_out_px;
-        return Ok(Mended::Nothing(format!(
-            "the refined rig does not predict held-out instants better: residual {after:.4} px, previous rig {before:.4} px; \
-             {} at most {:.4} px",
-            if is_unknown { "with an unknown cause, it must be" } else { "it must be" },
-            share * before
-        )));
-    }
-    if is_not_pinned(judgement) && !leaves_noise(&learnt, &rest) {
-        return Ok(Mended::Nothing(
-            "what the refined rig leaves is above the noise, so places of cameras and markers are not what is wrong, and \
-             refined ones would only hide it"
-                .into(),
-        ));
+    if let Some(why) = why_not(judgement, held_out_px, &learnt, &rest) {
+        return Ok(Mended::Nothing(why));
     }
     let found = Box::new(refine_stream_free(rig, fields, &free, most, progress)?);
     Ok(Mended::Better { found, held_out_px })

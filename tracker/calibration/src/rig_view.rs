@@ -26,7 +26,7 @@ const ROLLS: usize = 6;
 /// A camera that sees a smaller share of the workspace is reported.
 const ENOUGH_SEEN: f64 = 0.8;
 /// A share of places that fewer than two cameras see, or where the tip is worse than it should be, that is reported.
-const TOLD: f64 = 0.01;
+const REPORTED: f64 = 0.01;
 /// How well a tip should be known, µm (standard deviation along the worst direction).
 const SHOULD_UM: f64 = 25.0;
 
@@ -249,7 +249,7 @@ fn worst_variance_um2(information: Matrix6<f64>) -> Option<f64> {
 fn lack(cameras: &[CameraView], tips: &[TipAccuracy]) -> f64 {
     let blind = cameras.iter().map(|c| ENOUGH_SEEN - c.sees).filter(|share| *share > 0.0);
     let tips = tips.iter().flat_map(|tip| [1.0 - tip.seen_by_two, tip.inaccurate()]);
-    blind.chain(tips.filter(|share| *share > TOLD)).sum()
+    blind.chain(tips.filter(|share| *share > REPORTED)).sum()
 }
 
 fn missing(cameras: &[CameraView], tips: &[TipAccuracy]) -> Vec<String> {
@@ -264,14 +264,14 @@ fn missing(cameras: &[CameraView], tips: &[TipAccuracy]) -> Vec<String> {
         .collect();
     for tip in tips {
         let (body, hidden) = (tip.body, 1.0 - tip.seen_by_two);
-        if hidden > TOLD {
+        if hidden > REPORTED {
             let hidden = percent(hidden);
             all.push(format!(
                 "{body}: fewer than two cameras see its markers in {hidden} % of the workspace"
             ));
         }
         let bad = tip.inaccurate();
-        if bad > TOLD {
+        if bad > REPORTED {
             let bad = percent(bad);
             all.push(format!(
                 "{body}: one frame gives its tip to worse than {SHOULD_UM} µm in {bad} % of the workspace"

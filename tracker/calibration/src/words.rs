@@ -1,4 +1,4 @@
-//! Cameras and figures in sentences, so that what is true of several cameras is said once.
+//! Cameras and figures in sentences, so that what is true of several cameras is reported once.
 
 /// Cameras by their ids: `camera 4`, `cameras 0, 2 and 5`.
 pub fn cameras(ids: &[u32]) -> String {
@@ -21,7 +21,7 @@ pub fn span(values: impl IntoIterator<Item = f64>, decimals: usize) -> String {
     if least == most { least } else { format!("{least} to {most}") }
 }
 
-/// Cameras grouped by what is said of them, in the order in which it is first said.
+/// Cameras grouped by what is true of them, in the order of its first camera.
 pub fn grouped<T: PartialEq>(all: impl IntoIterator<Item = (u32, T)>) -> Vec<(Vec<u32>, T)> {
     let mut groups: Vec<(Vec<u32>, T)> = Vec::new();
     for (id, said) in all {

@@ -124,7 +124,7 @@ mod tests {
     use crate::lens::set_lens;
 
     #[test]
-    fn a_lens_is_told_as_it_is_in_truth_against_the_rig_file() {
+    fn a_lens_is_reported_by_its_difference_from_the_rig_file() {
         let before = Rig::load_or_shipped(None).unwrap().cameras[0].model();
         let mut lens = lens_of(&before);
         (lens[0], lens[1]) = (lens[0] * 0.98, lens[1] * 0.98);

@@ -152,7 +152,7 @@ pub fn size_of(cameras: &[Camera], sheets: &[TargetView]) -> String {
     let [nearest, farthest] = [nearest, farthest].map(rounded);
     let away = if nearest == farthest { nearest } else { format!("{nearest} to {farthest}") };
     format!(
-        "dots span {} mm; cameras stand {away} mm away from them. If it is otherwise, the positions of the dots are not in \
+        "dots span {} mm; cameras stand {away} mm away from them. If this is wrong, the positions of the dots are not in \
          mm",
         extent.join(" × ")
     )

@@ -1,5 +1,5 @@
 //! How boards were held for the lenses: those that lie in parallel planes or are tilted about one axis or to one side only,
-//! and lenses that are hardly known. What is true of several cameras is said once.
+//! and lenses that are hardly known. What is true of several cameras is reported once.
 
 use crate::lens::lens_of;
 use crate::linear::plane_of;
@@ -68,7 +68,7 @@ enum Kind {
 }
 
 impl Kind {
-    /// What is said of cameras of this kind.
+    /// The sentence about cameras of this kind.
     fn text(&self, own: &[&Finding]) -> String {
         let focal = |decimals| words::span(own.iter().map(|f| f.focal), decimals);
         let doubt_px = |decimals| words::span(own.iter().map(|f| f.doubt_px), decimals);

@@ -1,4 +1,4 @@
-//! Point lists that are wrong as a whole: one list for two cameras, or lists of smaller pictures than was said.
+//! Point lists that are wrong as a whole: one list for two cameras, or lists of smaller pictures than given.
 
 use super::short;
 use crate::target_problem::{Correspondence, TargetView};
@@ -11,7 +11,7 @@ use std::path::PathBuf;
 const SAME_PX: f64 = 0.01;
 /// Lists with more than this share of other points among their common dots are of two cameras.
 const OTHERS: f64 = 0.1;
-/// Fewest common dots that tell: four points do not agree by chance.
+/// Fewest common dots that are compared: four points do not agree by chance.
 const FEWEST: usize = 4;
 /// Dots nearer than this are one, mm; lists round to 1e-6.
 const SAME_DOT: f64 = 1e-6;
@@ -56,7 +56,7 @@ fn points_of(samples: &[Correspondence]) -> Points {
 
 /// How many dots are at the same points; `None` if these are two lists.
 fn same_points(first: &Points, second: &Points) -> Option<usize> {
-    // So many of the common dots may be elsewhere at most: most pairs of lists are told apart within a few dots.
+    // So many of the common dots may be elsewhere at most: most pairs of lists differ within a few dots.
     let most = OTHERS * first.len().min(second.len()) as f64;
     let (mut same, mut others) = (0, 0);
     for (dot, at) in first {
@@ -120,7 +120,7 @@ mod tests {
         assert!(told(3).is_ok(), "more than a tenth is elsewhere");
         // Views of one camera may be the same.
         assert!(expect_different(&[list(0, 0.0, 0), list(0, 0.0, 0)], &[]).is_ok());
-        // Dots that no camera saw do not tell, nor do few.
+        // Dots that no camera saw are not compared, nor are few.
         let mut unseen = [list(0, 0.0, 0), list(1, 0.0, 0)];
         unseen.iter_mut().flat_map(|l| &mut l.samples[3..]).for_each(|s| s.pixel = Vector2::new(-1.0, -1.0));
         assert!(expect_different(&unseen, &[]).is_ok());
