@@ -1,12 +1,14 @@
-//! How well the tracker does where a camera was knocked: table of `docs/tracking.md`.
+//! How well the tracker does where a camera was knocked: tables of `docs/tracking.md`.
 
+use calibration::causes::{Cause, Verdict, Work, judge_within};
 use clap::{Parser, ValueEnum};
 use nalgebra::Vector3;
 use protocol::random::Random;
 use rig::Rig;
 use tracker::camera_watch::Notice;
+use validation::planted::is_truth;
 use validation::streams::score::{Score, Tracked, rms};
-use validation::streams::{Knock, Recipe, Scenario};
+use validation::streams::{Knock, Recipe, Scenario, Stream, bound};
 
 /// What happens to the cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -21,7 +23,10 @@ enum Kind {
     Restless,
 }
 
-/// Tracks drawn streams with knocked cameras, and prints a table.
+/// Tracks drawn streams with knocked cameras, and prints a table: root mean squares over all streams, and beside them
+/// those of the same streams with every camera in its place. The bound is the posterior Cramér–Rao bound of the tips
+/// (validation::streams::bound) of a tracker that knows when which camera was moved, and how: it is that of the
+/// undisturbed stream, because the blobs of a moved camera say as much.
 #[derive(Parser)]
 struct Args {
     /// What happens.
@@ -39,6 +44,12 @@ struct Args {
     /// By how much pictures move, px.
     #[arg(long, value_delimiter = ',', default_value = "0.3,0.5,1,3,10")]
     px: Vec<f64>,
+    /// Only scenarios whose name contains this.
+    #[arg(long, default_value = "")]
+    only: String,
+    /// Leave the bound out: it takes a second and more a stream.
+    #[arg(long)]
+    no_bound: bool,
     /// Print for every stream what the tracker reported.
     #[arg(long)]
     each: bool,
@@ -52,20 +63,31 @@ const FAR_MM: f64 = 80.0;
 fn main() {
     let args = Args::parse();
     let rig = Rig::load_or_shipped(None).expect("the shipped rig");
-    println!(
-        "| scenario | picture moved by, px | detected after, s | included again after, s | minimum coverage | tips, µm | undisturbed | display error, µm | undisturbed | longest gap, fields | eye, mrad | undisturbed |"
-    );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
-    for scenario in Scenario::ALL {
+    let (head, columns) = match args.kind {
+        Kind::Two => (HEAD_OF_TWO, 14),
+        _ => (HEAD, 13),
+    };
+    println!("{head}\n|{}", "---|".repeat(columns));
+    for scenario in Scenario::ALL.into_iter().filter(|s| s.name().contains(&args.only)) {
         let still: Vec<Outcome> =
             seeds(&args).map(|seed| outcome(&rig, &args, scenario, seed, 0.0)).collect();
         for &px in &args.px {
             let moved: Vec<Outcome> =
                 seeds(&args).map(|seed| outcome(&rig, &args, scenario, seed, px)).collect();
-            line(scenario, px, &moved, &still);
+            match args.kind {
+                Kind::Two => line_of_two(scenario, px, &moved, &still),
+                _ => line(scenario, px, &moved, &still),
+            }
         }
     }
 }
+
+const HEAD: &str = "| scenario | picture moved by, px | detected after, s | included again after, s | \
+    minimum coverage | tips, µm | undisturbed | bound | display error, µm | undisturbed | longest gap, fields | \
+    eye, mrad | undisturbed |";
+const HEAD_OF_TWO: &str = "| scenario | pictures moved by, px | disagreement reported | a camera excluded | \
+    both named at the end | minimum coverage | tips, µm | largest | undisturbed | bound | display error, µm | \
+    undisturbed | eye, mrad | undisturbed |";
 
 fn seeds(args: &Args) -> std::ops::Range<u64> {
     args.from..args.from + args.seeds
@@ -76,6 +98,13 @@ struct Outcome {
     score: Score,
     found_s: Option<f64>,
     back_s: Option<f64>,
+    /// True if the cameras were reported to disagree, and if one of them was excluded.
+    disagree: bool,
+    excluded: bool,
+    /// True if the end of `run` and `replay` names the two cameras that were moved, and no other cause.
+    both_named: bool,
+    /// Bounds of the tips where no camera was moved, µm.
+    bounds_um: Vec<f64>,
 }
 
 fn outcome(rig: &Rig, args: &Args, scenario: Scenario, seed: u64, px: f64) -> Outcome {
@@ -93,12 +122,28 @@ fn outcome(rig: &Rig, args: &Args, scenario: Scenario, seed: u64, px: f64) -> Ou
         tracked.notices.iter().find(|(_, n)| own(n)).map(|(t, _)| t - at_s)
     };
     // Bodies are found within the first fields.
-    let from = if args.kind == Kind::Start { 0.1 } else { at_s.max(0.5) };
+    let from = if matches!(args.kind, Kind::Start | Kind::Two) { 0.1 } else { at_s.max(0.5) };
+    let scored = [from, args.seconds - 0.2];
+    let with_bound = px == 0.0 && !args.no_bound;
+    let any = |wanted: fn(&Notice) -> bool| tracked.notices.iter().any(|(_, n)| wanted(n));
     Outcome {
-        score: Score::of(&tracked, &stream, from, args.seconds - 0.2),
+        score: Score::of(&tracked, &stream, scored[0], scored[1]),
         found_s: at(&|n| matches!(n, Notice::Moved { .. })),
         back_s: at(&|n| matches!(n, Notice::TakenBack { .. })),
+        disagree: any(|n| matches!(n, Notice::Disagree { .. })),
+        excluded: any(|n| matches!(n, Notice::Moved { .. })),
+        both_named: args.kind == Kind::Two && px > 0.0 && names_both(rig, &stream, &knocks),
+        bounds_um: if with_bound { bound::of_measured_um(&stream, &tracked, scored) } else { vec![] },
     }
+}
+
+/// What `run` and `replay` say at their end.
+fn names_both(rig: &Rig, stream: &Stream, knocks: &[Knock]) -> bool {
+    let mut cameras = [knocks[0].camera, knocks[1].camera];
+    cameras.sort_unstable();
+    let judgement = judge_within(rig, &stream.fields, &Work::AT_END, |_, _| true);
+    let [named] = &judgement.explanations[..] else { return false };
+    judgement.verdict == Verdict::Explained && is_truth(&named.cause, &Cause::CamerasMoved { cameras })
 }
 
 fn of(notice: &Notice) -> Option<usize> {
@@ -135,23 +180,54 @@ fn line(scenario: Scenario, px: f64, moved: &[Outcome], still: &[Outcome]) {
         let all: Option<Vec<f64>> = moved.iter().map(of).collect();
         all.map_or("never".to_owned(), |all| format!("{:.2}", all.into_iter().fold(0.0, f64::max)))
     };
-    let least = moved.iter().map(|o| o.score.coverage()).fold(1.0, f64::min);
-    let all = |outcomes: &[Outcome], of: &dyn Fn(&Score) -> Vec<f64>| {
-        rms(&outcomes.iter().flat_map(|o| of(&o.score)).collect::<Vec<f64>>())
-    };
-    let (tips, shown, eye) =
-        (|s: &Score| s.tips_um.clone(), |s: &Score| s.shown_um.clone(), |s: &Score| s.eye_mrad.clone());
     println!(
-        "| {} | {px} | {} | {} | {least:.4} | {:.1} | {:.1} | {:.0} | {:.0} | {} | {:.2} | {:.2} |",
+        "| {} | {px} | {} | {} | {:.4} | {:.1} | {:.1} | {} | {:.0} | {:.0} | {} | {:.2} | {:.2} |",
         scenario.name(),
         worst(&|o| o.found_s),
         worst(&|o| o.back_s),
-        all(moved, &tips),
-        all(still, &tips),
-        all(moved, &shown),
-        all(still, &shown),
+        least_coverage(moved),
+        all(moved, |s| &s.tips_um),
+        all(still, |s| &s.tips_um),
+        bound_of(still),
+        all(moved, |s| &s.shown_um),
+        all(still, |s| &s.shown_um),
         moved.iter().map(|o| o.score.longest_gap).max().unwrap_or(0),
-        all(moved, &eye),
-        all(still, &eye),
+        all(moved, |s| &s.eye_mrad),
+        all(still, |s| &s.eye_mrad),
     );
+}
+
+fn line_of_two(scenario: Scenario, px: f64, moved: &[Outcome], still: &[Outcome]) {
+    let streams = |of: fn(&Outcome) -> bool| moved.iter().filter(|o| of(o)).count();
+    let tips = moved.iter().flat_map(|o| &o.score.tips_um);
+    println!(
+        "| {} | {px} | {} | {} | {} | {:.4} | {:.1} | {:.0} | {:.1} | {} | {:.0} | {:.0} | {:.2} | {:.2} |",
+        scenario.name(),
+        streams(|o| o.disagree),
+        streams(|o| o.excluded),
+        streams(|o| o.both_named),
+        least_coverage(moved),
+        all(moved, |s| &s.tips_um),
+        tips.copied().fold(0.0, f64::max),
+        all(still, |s| &s.tips_um),
+        bound_of(still),
+        all(moved, |s| &s.shown_um),
+        all(still, |s| &s.shown_um),
+        all(moved, |s| &s.eye_mrad),
+        all(still, |s| &s.eye_mrad),
+    );
+}
+
+fn least_coverage(outcomes: &[Outcome]) -> f64 {
+    outcomes.iter().map(|o| o.score.coverage()).fold(1.0, f64::min)
+}
+
+/// Root mean square over all streams.
+fn all(outcomes: &[Outcome], of: fn(&Score) -> &Vec<f64>) -> f64 {
+    rms(&outcomes.iter().flat_map(|o| of(&o.score).iter().copied()).collect::<Vec<f64>>())
+}
+
+fn bound_of(still: &[Outcome]) -> String {
+    let bounds: Vec<f64> = still.iter().flat_map(|o| o.bounds_um.iter().copied()).collect();
+    if bounds.is_empty() { "–".into() } else { format!("{:.1}", rms(&bounds)) }
 }

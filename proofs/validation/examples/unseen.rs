@@ -1,11 +1,11 @@
 //! How well the tracker does on streams that it was not tuned on: every scenario, many seeds.
 
 use clap::Parser;
-use protocol::limits::INSTRUMENTS;
 use rig::Rig;
 use rig::sensor::Shutter;
+use std::path::{Path, PathBuf};
 use tracker::tuning::Tuning;
-use validation::streams::bound::TipBound;
+use validation::streams::bound;
 use validation::streams::score::{Score, Tracked, rms};
 use validation::streams::{Recipe, Scenario, Stream, rig_at, rig_of_rates};
 
@@ -44,12 +44,14 @@ struct Args {
     /// Leave the bound out: it takes a second and more a stream.
     #[arg(long)]
     no_bound: bool,
+    /// The first of a stream is not scored, s: the filters settle.
+    #[arg(long, default_value_t = 0.5)]
+    settle: f64,
+    /// Folders with a stream of another generator (rig.json, blobs.jsonl, truth.csv) instead of drawn ones. Their bound
+    /// is that of a tracker which knows the noise and spectrum that are estimated from their truth.
+    #[arg(long = "stream", value_name = "FOLDER")]
+    streams: Vec<PathBuf>,
 }
-
-/// The first of a stream is not scored, s: the filters settle.
-const SETTLED_S: f64 = 0.5;
-/// Instants of a stream at which the bound is computed, evenly spread.
-const INSTANTS: usize = 40;
 
 /// Of a stream.
 struct Row {
@@ -70,6 +72,9 @@ fn main() {
         "| scenario | tip, µm | bound, µm | ratio | display error, µm | eye, mrad | coverage | longest gap, fields |"
     );
     println!("|---|---|---|---|---|---|---|---|");
+    if !args.streams.is_empty() {
+        return args.streams.iter().for_each(|folder| println!("{}", of_folder(folder, &args)));
+    }
     for scenario in Scenario::ALL.into_iter().filter(|s| s.name().contains(&args.only)) {
         let seeds = args.from..args.from + args.seeds;
         let rows: Vec<Row> = seeds.map(|seed| of_stream(&rig, scenario, seed, &args)).collect();
@@ -80,11 +85,24 @@ fn main() {
     }
 }
 
+fn of_folder(folder: &Path, args: &Args) -> String {
+    let stream = Stream::read(folder).unwrap_or_else(|problem| panic!("{problem:#}"));
+    let ([column, line], falls) = stream.noise_px();
+    let of = if falls { " for an area of 1 px, falling with its root" } else { "" };
+    eprintln!("{}: noise {column:.3} px across, {line:.3} px along the lines{of}", folder.display());
+    let name = folder.file_name().map_or("stream".into(), |name| name.to_string_lossy());
+    row(&name, &[tracked(&stream, args)])
+}
+
 fn of_stream(rig: &Rig, scenario: Scenario, seed: u64, args: &Args) -> Row {
-    let stream = Recipe { scenario, seed, seconds: args.seconds, knocks: vec![] }.draw(rig);
-    let tracked = Tracked::tuned(&stream, &tuning(args));
-    let score = Score::of(&tracked, &stream, SETTLED_S, args.seconds - 0.2);
-    let bounds_um = if args.no_bound { vec![] } else { bounds_um(&stream, &tracked, args.seconds - 0.2) };
+    tracked(&Recipe { scenario, seed, seconds: args.seconds, knocks: vec![] }.draw(rig), args)
+}
+
+fn tracked(stream: &Stream, args: &Args) -> Row {
+    let tracked = Tracked::tuned(stream, &tuning(args));
+    let scored = [args.settle, args.seconds - 0.2];
+    let score = Score::of(&tracked, stream, scored[0], scored[1]);
+    let bounds_um = if args.no_bound { vec![] } else { bound::of_measured_um(stream, &tracked, scored) };
     Row { score, bounds_um }
 }
 
@@ -96,19 +114,6 @@ fn tuning(args: &Args) -> Tuning {
         tuning.set(key, value).unwrap_or_else(|problem| panic!("--set {pair}: {problem}"));
     }
     tuning
-}
-
-/// Bounds at some of the instants at which a tip in the eye is measured.
-fn bounds_um(stream: &Stream, tracked: &Tracked, until_s: f64) -> Vec<f64> {
-    let mut bounds = Vec::new();
-    for instrument in 0..INSTRUMENTS {
-        let mut bound = TipBound::new(stream, instrument);
-        let scored = tracked.measured_s(stream, instrument, SETTLED_S, until_s);
-        bounds.extend(
-            scored.iter().step_by((scored.len() / INSTANTS).max(1)).filter_map(|t_s| bound.at_um(*t_s)),
-        );
-    }
-    bounds
 }
 
 fn row(name: &str, rows: &[Row]) -> String {

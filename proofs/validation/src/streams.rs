@@ -14,13 +14,18 @@
 //! A stream can be drawn so that its motion is periodic ([`Recipe::draw_periodic`]); repeated, it lasts as
 //! long as a session ([`lasting`]).
 //!
+//! A stream of another generator can be read with its truth ([`Stream::read`]), and is judged in the same way.
+//!
 //! A camera can be [`Knock`]ed at any instant; the rig that is given stays as it was.
 
 pub mod bound;
 mod imaging;
 pub mod lasting;
 pub mod motion;
+mod read;
+pub mod recorded;
 pub mod score;
+mod spectrum;
 
 use motion::Motion;
 use nalgebra::{Rotation3, Vector3};
@@ -129,6 +134,8 @@ pub struct Stream {
     pub motion: Motion,
     /// Which markers were seen, in the order of exposures.
     sightings: Vec<Sighting>,
+    /// Of the blobs.
+    noise: imaging::Noise,
 }
 
 /// The markers that a field shows.
@@ -313,7 +320,7 @@ impl Recipe {
         }
         fields.sort_by_key(|f| (f.blobs_out_ns, f.camera));
         sightings.sort_by(|a, b| a.exposed_s.total_cmp(&b.exposed_s));
-        Stream { rig: rig.clone(), fields, motion, sightings }
+        Stream { rig: rig.clone(), fields, motion, sightings, noise: imaging::Noise::DRAWN }
     }
 }
 
@@ -335,6 +342,8 @@ fn false_blobs(field: &mut BlobField, camera: &Camera, random: &mut Random) {
     }
 }
 
+#[cfg(test)]
+mod bound_tests;
 #[cfg(test)]
 mod camera_tests;
 #[cfg(test)]

@@ -12,7 +12,26 @@ use rig::{BodyType, Rig};
 use std::f64::consts::PI;
 
 /// Standard deviation of a column and of a frame's line for an area of 1 px of the field, px.
-pub(super) const NOISE_PX: [f64; 2] = [0.61, 1.23];
+const NOISE_PX: [f64; 2] = [0.61, 1.23];
+/// Noise of a blob's centre.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Noise {
+    /// Standard deviations of a column and of a frame's line, px: for an area of 1 px of the field if it falls with
+    /// the root of the area, else for every area.
+    pub px: [f64; 2],
+    pub falls: bool,
+}
+
+impl Noise {
+    /// That of the blobs that are drawn here.
+    pub const DRAWN: Noise = Noise { px: NOISE_PX, falls: true };
+
+    /// Standard deviations of a column and a frame's line of a blob, px.
+    pub fn sigma_px(&self, area_px: f64) -> Vector2<f64> {
+        Vector2::from(self.px) / if self.falls { libm::sqrt(area_px.max(1.0)) } else { 1.0 }
+    }
+}
+
 /// Relative noise of an area.
 const AREA_NOISE: f64 = 0.012;
 /// Points of a disc by which hidden parts are found.
@@ -21,18 +40,18 @@ const POINTS: usize = 160;
 const LEAST_SEEN: f64 = 0.12;
 
 /// Image of a marker.
-struct Disc {
-    body: usize,
-    marker: usize,
-    centre: Vector2<f64>,
+pub(super) struct Disc {
+    pub body: usize,
+    pub marker: usize,
+    pub centre: Vector2<f64>,
     /// Half axes, px of the frame.
-    radii: Vector2<f64>,
+    pub radii: Vector2<f64>,
     depth: f64,
-    colour: Colour,
+    pub colour: Colour,
 }
 
 /// Image of a shaft.
-struct Shaft {
+pub(super) struct Shaft {
     body: usize,
     from: Vector2<f64>,
     along: Vector2<f64>,
@@ -125,14 +144,14 @@ pub(super) struct Part {
 
 /// A blob before noise.
 #[derive(Debug, Clone)]
-struct Spot {
-    centre: Vector2<f64>,
+pub(super) struct Spot {
+    pub centre: Vector2<f64>,
     /// px of the field.
-    area_px: f64,
+    pub area_px: f64,
     /// Of its box, px of the frame.
-    size: Vector2<f64>,
-    colour: Colour,
-    parts: Vec<Part>,
+    pub size: Vector2<f64>,
+    pub colour: Colour,
+    pub parts: Vec<Part>,
 }
 
 /// Adds the blobs of all markers.
@@ -193,7 +212,7 @@ pub(super) fn see(
 }
 
 /// Discs of one colour that touch become one.
-fn merge(spots: &mut Vec<Spot>) {
+pub(super) fn merge(spots: &mut Vec<Spot>) {
     let mut i = 0;
     while i < spots.len() {
         let touching = (i + 1..spots.len()).find(|&j| {
@@ -215,7 +234,8 @@ fn merge(spots: &mut Vec<Spot>) {
     }
 }
 
-fn images(rig: &Rig, camera: &Camera, scene: &Scene<'_>) -> (Vec<Disc>, Vec<Shaft>) {
+/// Images of all markers and shafts.
+pub(super) fn images(rig: &Rig, camera: &Camera, scene: &Scene<'_>) -> (Vec<Disc>, Vec<Shaft>) {
     let placed = scene.motion.at(scene.t_s);
     let (mut discs, mut shafts) = (Vec::new(), Vec::new());
     for (body, name) in BODY_NAMES.iter().enumerate() {

@@ -1,6 +1,7 @@
-//! Where hands and eye are at every instant: sums of sines drawn from a seed.
+//! Where hands and eye are at every instant: sums of sines drawn from a seed, or read from a file.
 
 use super::Scenario;
+use super::recorded::Recorded;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use protocol::limits::{BODIES, INSTRUMENTS};
 use protocol::poses::BODY_NAMES;
@@ -55,15 +56,15 @@ pub(super) struct Spectrum {
     pub rms: f64,
 }
 
-/// Spectra of a hand, each of every axis.
-#[derive(Debug, Clone, Copy)]
+/// Spectra of a hand, each of every axis, as sums of bands.
+#[derive(Debug, Clone)]
 pub(super) struct Spectra {
     /// Of the tip, mm: what is wanted, and tremor.
-    pub tip: [Spectrum; 2],
+    pub tip: Vec<Spectrum>,
     /// Of the point of the shaft in the trocar, mm.
-    pub play: Spectrum,
+    pub play: Vec<Spectrum>,
     /// Of the roll, rad.
-    pub roll: Spectrum,
+    pub roll: Vec<Spectrum>,
 }
 
 /// What the pose of an instrument follows from, at an instant.
@@ -79,6 +80,18 @@ pub(super) struct Held {
 }
 
 impl Held {
+    /// That of a pose whose shaft passes the trocar (at `trocar` in the world) at `pivot`, the nearest point to it.
+    pub fn of_pose(pose: &Isometry3<f64>, trocar: &Vector3<f64>) -> Self {
+        let tip = pose.translation.vector;
+        let z = pose.rotation * Vector3::z();
+        // Where the tip is out of the eye, any point of the shaft tells its direction.
+        let depth = z.dot(&(trocar - tip)).max(AT_TROCAR_MM);
+        let x = (Vector3::x() - z * z.x).normalize();
+        let side = pose.rotation * Vector3::x();
+        let roll = libm::atan2(side.dot(&z.cross(&x)), side.dot(&x));
+        Held { tip, pivot: tip + z * depth, roll, out: 0.0 }
+    }
+
     /// `world_from_body`, and whether the tip is in the eye.
     pub fn pose(&self) -> (Isometry3<f64>, bool) {
         let outward = self.pivot - self.tip;
@@ -109,12 +122,21 @@ struct Hand {
     out_s: Option<[f64; 2]>,
 }
 
-/// Hands and eye.
+/// Hands and eye that were drawn.
 #[derive(Debug, Clone)]
-pub struct Motion {
+pub struct Drawn {
     hands: [Hand; INSTRUMENTS],
     eye: [Waves; 3],
     period_s: Option<f64>,
+}
+
+/// Hands and eye.
+#[derive(Debug, Clone)]
+pub enum Motion {
+    /// Drawn from a seed.
+    Drawn(Drawn),
+    /// As another generator wrote it.
+    Recorded(Recorded),
 }
 
 /// Root mean square of what is wanted of a tip, an axis, mm.
@@ -132,6 +154,57 @@ const AT_TROCAR_MM: f64 = 3.3;
 impl Motion {
     /// Draws them.
     pub fn draw(scenario: Scenario, rig: &Rig, seconds: f64, seed: u64) -> Self {
+        Motion::Drawn(Drawn::draw(scenario, rig, seconds, seed))
+    }
+
+    /// The same with the nearest frequencies that make it periodic; what was recorded stays as it is.
+    pub fn periodic(self, period_s: f64) -> Self {
+        match self {
+            Motion::Drawn(drawn) => Motion::Drawn(drawn.periodic(period_s)),
+            Motion::Recorded(_) => self,
+        }
+    }
+
+    /// True if it repeats.
+    pub fn is_periodic(&self) -> bool {
+        matches!(self, Motion::Drawn(Drawn { period_s: Some(_), .. }))
+    }
+
+    /// What the pose of an instrument follows from, at an instant.
+    pub(super) fn held(&self, instrument: usize, t_s: f64) -> Held {
+        match self {
+            Motion::Drawn(drawn) => drawn.held(instrument, t_s),
+            Motion::Recorded(recorded) => recorded.held(instrument, t_s),
+        }
+    }
+
+    /// What the motion of an instrument is drawn from.
+    pub(super) fn spectra(&self, instrument: usize) -> &Spectra {
+        match self {
+            Motion::Drawn(drawn) => &drawn.hands[instrument].spectra,
+            Motion::Recorded(recorded) => recorded.spectra(instrument),
+        }
+    }
+
+    /// When an instrument begins to be taken out and to be put back, s; `None` of one that stays, or was recorded.
+    pub fn taken_out_s(&self, instrument: usize) -> Option<[f64; 2]> {
+        match self {
+            Motion::Drawn(drawn) => drawn.hands[instrument].out_s,
+            Motion::Recorded(_) => None,
+        }
+    }
+
+    /// Everything at an instant.
+    pub fn at(&self, t_s: f64) -> Placed {
+        match self {
+            Motion::Drawn(drawn) => drawn.at(t_s),
+            Motion::Recorded(recorded) => recorded.at(t_s),
+        }
+    }
+}
+
+impl Drawn {
+    fn draw(scenario: Scenario, rig: &Rig, seconds: f64, seed: u64) -> Self {
         let random = &mut Random::new(seed, 0);
         let moves = if scenario == Scenario::Rest { 0.0 } else { 1.0 };
         let eye = std::array::from_fn(|i| {
@@ -150,33 +223,20 @@ impl Motion {
             hand.out_s = hand.out_s.filter(|_| taken_out == i);
             hand
         });
-        Motion { hands, eye, period_s: None }
+        Drawn { hands, eye, period_s: None }
     }
 
-    /// The same with the nearest frequencies that make it periodic.
-    pub fn periodic(mut self, period_s: f64) -> Self {
+    fn periodic(mut self, period_s: f64) -> Self {
         let hands = self.hands.iter_mut().flat_map(Hand::waves);
         hands.chain(&mut self.eye).for_each(|waves| waves.periodic(period_s));
-        Motion { period_s: Some(period_s), ..self }
+        Drawn { period_s: Some(period_s), ..self }
     }
 
-    /// True if it repeats.
-    pub fn is_periodic(&self) -> bool {
-        self.period_s.is_some()
-    }
-
-    /// What the pose of an instrument follows from, at an instant.
-    pub(super) fn held(&self, instrument: usize, t_s: f64) -> Held {
+    fn held(&self, instrument: usize, t_s: f64) -> Held {
         self.hands[instrument].at(&Rotation3::new(vector(&self.eye, t_s)), t_s)
     }
 
-    /// What the motion of an instrument is drawn from.
-    pub(super) fn spectra(&self, instrument: usize) -> &Spectra {
-        &self.hands[instrument].spectra
-    }
-
-    /// Everything at an instant.
-    pub fn at(&self, t_s: f64) -> Placed {
+    fn at(&self, t_s: f64) -> Placed {
         let t_s = self.period_s.map_or(t_s, |period| t_s.rem_euclid(period));
         let eye = Rotation3::new(vector(&self.eye, t_s));
         let mut placed = Placed { bodies: [Isometry3::identity(); BODIES], present: [true; BODIES] };
@@ -207,9 +267,9 @@ impl Hand {
         let spectrum = |band_hz, rms| Spectrum { band_hz, rms };
         let mut hand = Hand {
             spectra: Spectra {
-                tip: [spectrum(wanted, WANTED_MM * moves), spectrum(band, tremor_mm)],
-                play: spectrum(play, moves * sigma / 1.5),
-                roll: spectrum(ROLL_HZ, 0.0),
+                tip: vec![spectrum(wanted, WANTED_MM * moves), spectrum(band, tremor_mm)],
+                play: vec![spectrum(play, moves * sigma / 1.5)],
+                roll: Vec::new(),
             },
             trocar: trocar.into(),
             centre: Vector3::new(
@@ -223,8 +283,9 @@ impl Hand {
             roll: Waves(Vec::new()),
             out_s: None,
         };
-        hand.spectra.roll.rms = moves * random.between(0.3, 0.6);
-        hand.roll = Waves::draw(3, ROLL_HZ, hand.spectra.roll.rms, random);
+        let roll_rad = moves * random.between(0.3, 0.6);
+        hand.spectra.roll = vec![spectrum(ROLL_HZ, roll_rad)];
+        hand.roll = Waves::draw(3, ROLL_HZ, roll_rad, random);
         hand
     }
 

@@ -93,7 +93,13 @@ fn markers_that_touch_say_less_than_they_would_apart() {
     let mut streams = (1..100).map(|seed| recipe(Scenario::Hard, seed).draw(&rig));
     let merged = streams.find(|stream| touching(stream) > 20).expect("markers touch in some stream");
     let sightings = merged.sightings.iter().map(|s| Sighting { merged: Vec::new(), ..*s }).collect();
-    let apart = Stream { rig: rig.clone(), fields: Vec::new(), motion: merged.motion.clone(), sightings };
+    let apart = Stream {
+        rig: rig.clone(),
+        fields: Vec::new(),
+        motion: merged.motion.clone(),
+        sightings,
+        noise: merged.noise,
+    };
     let (mut of_merged, mut of_apart) = (TipBound::new(&merged, 0), TipBound::new(&apart, 0));
     let ratios: Vec<f64> = merged.sightings[30..]
         .iter()
