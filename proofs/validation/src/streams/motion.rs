@@ -134,9 +134,9 @@ pub struct Drawn {
 #[derive(Debug, Clone)]
 pub enum Motion {
     /// Drawn from a seed.
-    Drawn(Drawn),
+    Drawn(Box<Drawn>),
     /// As another generator wrote it.
-    Recorded(Recorded),
+    Recorded(Box<Recorded>),
 }
 
 /// Root mean square of what is wanted of a tip, an axis, mm.
@@ -154,20 +154,20 @@ const AT_TROCAR_MM: f64 = 3.3;
 impl Motion {
     /// Draws them.
     pub fn draw(scenario: Scenario, rig: &Rig, seconds: f64, seed: u64) -> Self {
-        Motion::Drawn(Drawn::draw(scenario, rig, seconds, seed))
+        Motion::Drawn(Box::new(Drawn::draw(scenario, rig, seconds, seed)))
     }
 
     /// The same with the nearest frequencies that make it periodic; what was recorded stays as it is.
     pub fn periodic(self, period_s: f64) -> Self {
         match self {
-            Motion::Drawn(drawn) => Motion::Drawn(drawn.periodic(period_s)),
+            Motion::Drawn(drawn) => Motion::Drawn(Box::new(drawn.periodic(period_s))),
             Motion::Recorded(_) => self,
         }
     }
 
     /// True if it repeats.
     pub fn is_periodic(&self) -> bool {
-        matches!(self, Motion::Drawn(Drawn { period_s: Some(_), .. }))
+        matches!(self, Motion::Drawn(drawn) if drawn.period_s.is_some())
     }
 
     /// What the pose of an instrument follows from, at an instant.

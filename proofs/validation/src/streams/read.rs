@@ -7,7 +7,7 @@ use super::{Sighting, Stream};
 use anyhow::Context;
 use blob_stream::BlobReader;
 use nalgebra::Vector2;
-use protocol::blobs::{Blob, BlobField, Colour, WHOLE_FRAME, frame_line};
+use protocol::blobs::{Blob, BlobField, Colour};
 use protocol::limits::BODIES;
 use protocol::poses::EYE;
 use rig::Rig;
@@ -36,7 +36,7 @@ impl Stream {
 
     /// Of fields and a table of poses.
     pub(super) fn recorded(rig: Rig, fields: Vec<BlobField>, motion: Recorded) -> anyhow::Result<Self> {
-        let (end_s, motion) = (motion.end_s(), Motion::Recorded(motion));
+        let (end_s, motion) = (motion.end_s(), Motion::Recorded(Box::new(motion)));
         let cameras = rig.cameras();
         let (mut sightings, mut residuals) = (Vec::new(), Residuals::new());
         for field in &fields {
@@ -74,27 +74,17 @@ fn recognise(
 ) -> Seen {
     let scene = Scene { motion, t_s: field.exposed_ns as f64 * 1e-9, row_s: 0.0 };
     let spots = whole_spots(rig, camera, &scene);
-    let centre = |blob: &Blob| Vector2::new(blob.x_px, frame_line(blob.y_field_px, field.parity));
-    let mut pairs = Vec::new();
-    for (s, spot) in spots.iter().enumerate() {
-        for (b, blob) in field.blobs().iter().enumerate() {
-            let apart = (centre(blob) - spot.centre).component_div(&(spot.size * 0.5)).norm();
-            if Colour::from_wire(blob.colour) == Some(spot.colour) && apart < 1.0 {
-                pairs.push((apart, s, b));
-            }
-        }
-    }
-    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let centre = |blob: &Blob| Vector2::new(blob.x_px, field.y_frame_px(blob));
     let mut seen = Seen { markers: [0; BODIES], merged: Vec::new() };
     let mut used = (vec![false; spots.len()], vec![false; field.blobs().len()]);
-    for (_, s, b) in pairs {
+    for (s, b) in pairs(&spots, field) {
         if used.0[s] || used.1[b] {
             continue;
         }
         (used.0[s], used.1[b]) = (true, true);
         let (spot, blob) = (&spots[s], &field.blobs()[b]);
         spot.parts.iter().for_each(|part| seen.markers[part.body] |= 1 << part.marker);
-        let area_px = if field.parity == WHOLE_FRAME { 0.5 * blob.area_px } else { blob.area_px };
+        let area_px = field.area_of_half_px(blob);
         match spot.parts[..] {
             [part] if (area_px / spot.area_px - 1.0).abs() < WHOLE => {
                 let own = residuals.entry((camera.id, part.body, part.marker)).or_default();
@@ -105,6 +95,22 @@ fn recognise(
         }
     }
     seen
+}
+
+/// Spots and blobs of one colour of which the blob lies on the spot, nearest first.
+fn pairs(spots: &[Spot], field: &BlobField) -> Vec<(usize, usize)> {
+    let mut pairs = Vec::new();
+    for (s, spot) in spots.iter().enumerate() {
+        for (b, blob) in field.blobs().iter().enumerate() {
+            let off = Vector2::new(blob.x_px, field.y_frame_px(blob)) - spot.centre;
+            let apart = off.component_div(&(spot.size * 0.5)).norm();
+            if Colour::from_wire(blob.colour) == Some(spot.colour) && apart < 1.0 {
+                pairs.push((apart, s, b));
+            }
+        }
+    }
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    pairs.into_iter().map(|(_, s, b)| (s, b)).collect()
 }
 
 /// What would be seen of all markers that are there if nothing hid any.

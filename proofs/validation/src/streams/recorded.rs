@@ -83,7 +83,7 @@ impl Recorded {
     fn estimated(&self, instrument: usize) -> Spectra {
         let [from, to] = self.longest_stay_s(instrument);
         let count = ((to - from) / STEP_S) as usize;
-        let mut signals = vec![Vec::with_capacity(count); 7];
+        let mut signals = vec![Vec::new(); 7];
         for n in 0..count {
             let t_s = from + n as f64 * STEP_S;
             let held = self.held(instrument, t_s);
