@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo demo-repeat test latency soak hour hour-live seek endure defects judge test-python test-genicam test-display test-drivers test-viewers fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
+.PHONY: help setup setup-python demo demo-repeat test latency soak hour hour-live seek endure defects judge test-python test-genicam test-display test-drivers test-viewers fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures help-texts gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
 	version tag release-programs stage deb test-deb sbom reproducible deny clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -231,6 +231,10 @@ tracker-version: setup ## Raise the version of the tracker's arithmetic if it ha
 pictures: setup ## Renew the reference pictures of the renderer's tests; give the reason in the commit
 	cargo run --release -p renderer --example pictures -- tests/data/pictures
 	cargo run --release -p validation --example gallery -- --reference tests/data/pictures
+
+help-texts: setup ## Renew the reference of all help texts
+	cargo build --release
+	cargo test --release --workspace --test scenarios help::renew -- --ignored --exact
 
 gallery: setup ## Renew the pictures of the documentation
 	cargo run --release -p validation --example gallery -- docs/pictures

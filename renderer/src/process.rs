@@ -1,6 +1,7 @@
 //! The renderer's process: when a new scene or the display wakes it up, it draws a stereo frame with the
 //! newest pose, and publishes the frame's timestamps.
 
+mod channels;
 mod drawing;
 mod held;
 mod pictures;
@@ -10,36 +11,35 @@ mod user;
 
 use crate::assets::Assets;
 use crate::compose::Composer;
-use crate::config::{Config, IDLE_REDRAW_NS, STATUS_NS, STILL_NS, VIDEO_HZ};
+use crate::config::{Config, IDLE_REDRAW_NS, STATUS_NS};
 use crate::costs::Costs;
 use crate::frame::Renderer;
 use crate::governor::{FIRST_LEAN, FLOOR, Governor, TIERS};
 use crate::gpu::Gpu;
 use crate::gpu_clock::GpuClock;
 use crate::latch::{Latched, latch, latch_scene};
-use crate::output::{Output, OutputConfig};
-use crate::pacing::{Pacing, Ticks};
+use crate::pacing::Pacing;
 use crate::present::{Handed, Present, Ready};
 use crate::readback::ReadBack;
 use crate::start::{self, Hurry};
-use crate::stereo::Arrangement;
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
+use channels::Channels;
 use drawing::Drawn;
 use held::Held;
 use ipc::clock::{now, sleep_until};
 use ipc::shell::{Served, Shell, Work};
 use ipc::trace::About;
-use ipc::{BlockReceiver, BlockSender, Instance, Queue, Receiver, Sender, instance_directory};
+use ipc::{Instance, instance_directory};
+use pictures::PictureFiles;
 use protocol::bindings::next_steps;
 use protocol::budget::{Budgets, Stage};
 use protocol::control::Command;
 use protocol::frames::{
-    BELOW_FLOOR, DEVICE_CLOCK, DISPLAY_ESTIMATED, FrameRecord, PICTURE_HELD, PictureHeader, TIER_CHANGED,
+    BELOW_FLOOR, DEVICE_CLOCK, DISPLAY_ESTIMATED, FrameRecord, PICTURE_HELD, TIER_CHANGED,
     TRACKING_LOST_SHOWN,
 };
 use protocol::health::Process;
-use protocol::limits::MAX_PICTURE_BYTES;
 use protocol::phases::Phase;
 use protocol::poses::TrackerFrame;
 use protocol::scene::SceneHeader;
@@ -69,27 +69,16 @@ pub fn run(config: &Config) -> Result<()> {
 struct RendererShell {
     shell: Shell,
     user: User,
-    poses: Receiver<TrackerFrame>,
-    scenes: BlockReceiver<SceneHeader>,
-    frames: Sender<FrameRecord>,
-    pictures: BlockSender<PictureHeader>,
+    channels: Channels,
     gpu: Gpu,
     present: Present,
     renderer: Renderer,
     governor: Governor,
     clock: GpuClock,
     pacing: Pacing,
-    output: Output,
+    files: PictureFiles,
     composer: Composer,
     read_back: ReadBack,
-    /// Size of one channel of the video, px, if there is a video.
-    video_px: Option<[u32; 2]>,
-    arrangement: Arrangement,
-    stills: Ticks,
-    video: Ticks,
-    small: Ticks,
-    keeps_last: bool,
-    snapshot: bool,
     /// Number of frames after which the device is destroyed, to test recovery from its loss.
     lose_device_after: Option<u64>,
     /// Header of the current scene.
@@ -105,7 +94,6 @@ struct RendererShell {
     shown_tier: Option<usize>,
     /// End of the time in which the picture shows the tier, ns; `None` before the first such picture.
     status_until: Option<Nanos>,
-    write_failed: bool,
 }
 
 /// Resources that take long to create and do not depend on the run's channels.
@@ -155,18 +143,6 @@ fn start(config: &Config) -> Result<Option<RendererShell>> {
     RendererShell::open(config, joined, prepared, tier.or(start_tier)).map(Some)
 }
 
-/// Settings of the files to write.
-fn output_config(config: &Config, video_px: [u32; 2]) -> OutputConfig {
-    OutputConfig {
-        stills: config.picture.stills.clone(),
-        video: config.picture.video.clone(),
-        force: config.force.force,
-        video_px,
-        video_hz: VIDEO_HZ,
-        arrangement: config.arrangement().for_files(),
-    }
-}
-
 /// What the window's keys control.
 fn keys(config: &Config) -> Keys {
     match (config.desk, config.replay) {
@@ -185,40 +161,23 @@ impl RendererShell {
         start_tier: Option<usize>,
     ) -> Result<Self> {
         let Prepared { gpu, present, renderer, costs, first_tier } = prepared;
-        if gpu.is_lean {
-            tracing::warn!("without Vulkan: {} draws tiers {FIRST_LEAN} to {}", gpu.name, TIERS.len() - 1);
-        }
         let limit_ns = (Budgets::default().of(Stage::Rendering).limit_ms * 1e6) as u64;
         let fixed = config.tier.map(|t| t as usize);
         let start_tier = start_tier.map_or(start::start_tier(&gpu), |t| t.max(first_tier));
-        let output_config = output_config(config, start::video_px(&gpu, fixed));
-        let output = Output::start(&output_config, first_tier).context("files for stills or video")?;
-        let rate = |wanted: bool, hz: f64| Ticks::new(if wanted { hz } else { 0.0 });
-        let keys = keys(config);
         let mut process = Self {
-            user: User::open(&instance, keys, config.picture.show_dose)?,
-            poses: instance.receiver(Queue::Newest)?,
-            scenes: instance.block_receiver()?,
-            frames: instance.sender()?,
-            pictures: instance.block_sender(MAX_PICTURE_BYTES)?,
+            user: User::open(&instance, keys(config), config.picture.show_dose)?,
+            channels: Channels::open(&instance)?,
+            files: PictureFiles::open(config, start::video_px(&gpu, fixed), first_tier)?,
             clock: GpuClock::default(),
             governor: Governor::new(limit_ns, start_tier, fixed, costs),
             pacing: Pacing::new(present.refresh_ns(), limit_ns),
             composer: Composer::new(&gpu),
             read_back: ReadBack::new(&gpu, first_tier),
-            video_px: config.picture.video.is_some().then_some(output_config.video_px),
-            arrangement: output_config.arrangement,
-            stills: rate(config.picture.stills.is_some(), 1e9 / STILL_NS as f64),
-            video: rate(config.picture.video.is_some(), f64::from(VIDEO_HZ)),
-            small: Ticks::new(config.pictures_hz),
-            keeps_last: config.picture.stills.is_some(),
-            snapshot: false,
             lose_device_after: config.picture.lose_device_after,
             shell,
             gpu,
             present,
             renderer,
-            output,
             scene: None,
             held: Held::default(),
             unanswered: Unanswered::default(),
@@ -228,15 +187,23 @@ impl RendererShell {
             last_drawn: 0,
             shown_tier: None,
             status_until: None,
-            write_failed: false,
         };
-        process.show_tier(None);
-        process.renderer.set_arrangement(config.arrangement());
-        process.renderer.set_at_desk(config.desk);
-        if !process.is_headless() && keys != Keys::Replay {
-            process.renderer.set_next_steps(&next_steps());
-        }
+        process.begin_picture(config);
         Ok(process)
+    }
+
+    /// Sets what the first picture shows: the tier, the layout, and the keys where there is a window.
+    fn begin_picture(&mut self, config: &Config) {
+        if self.gpu.is_lean {
+            let (name, last) = (&self.gpu.name, TIERS.len() - 1);
+            tracing::warn!("without Vulkan: {name} draws tiers {FIRST_LEAN} to {last}");
+        }
+        self.show_tier(None);
+        self.renderer.set_arrangement(config.arrangement());
+        self.renderer.set_at_desk(config.desk);
+        if !self.is_headless() && keys(config) != Keys::Replay {
+            self.renderer.set_next_steps(&next_steps());
+        }
     }
 
     /// True if the process waits for a new scene before it draws. A GPU draws at the display's rate, with a
@@ -251,7 +218,7 @@ impl RendererShell {
     }
 
     fn await_scene(&self) {
-        self.shell.rest(&[&self.scenes], Nanos::MAX);
+        self.shell.rest(&[&self.channels.scenes], Nanos::MAX);
     }
 
     /// True if nothing has been drawn for [`IDLE_REDRAW_NS`] although there is a window to redraw, or a held
@@ -290,7 +257,7 @@ impl RendererShell {
     /// Uploads the newest scene; true if a valid scene has arrived since the last call.
     fn take_scene(&mut self) -> Result<bool> {
         let begun = self.shell.trace.begin();
-        let Some(sample) = self.scenes.receive()? else { return Ok(false) };
+        let Some(sample) = self.channels.scenes.receive()? else { return Ok(false) };
         if let Err(refused) = self.renderer.take_scene(&self.gpu, sample.header(), sample.payload()) {
             self.shell.report.refused += 1;
             tracing::debug!(field = sample.header().field, "scene refused: {refused}");
@@ -371,7 +338,7 @@ impl RendererShell {
             }
         });
         while let Some(record) = unanswered.next(at) {
-            self.frames.send(&record)?;
+            self.channels.frames.send(&record)?;
         }
         if !unanswered.expects() {
             self.present.stop_asking();
@@ -388,7 +355,7 @@ impl RendererShell {
 
     /// The newest pose, predicted to time `at`, ns.
     fn latch(&mut self, at: Nanos) -> Result<Option<Latched>> {
-        if let Some(newest) = self.poses.next_valid()? {
+        if let Some(newest) = self.channels.poses.next_valid()? {
             self.pose = Some(newest);
         }
         let from_scene = || self.scene.as_ref().map(latch_scene);
@@ -428,7 +395,7 @@ impl RendererShell {
     /// Number of scenes that were replaced before they were drawn. Without a display, each counts as a missed
     /// frame.
     fn skipped_scenes(&self) -> u64 {
-        if self.present.refresh_ns().is_none() { self.scenes.counts().lost } else { 0 }
+        if self.present.refresh_ns().is_none() { self.channels.scenes.counts().lost } else { 0 }
     }
 
     /// Puts tier and reason into the next heartbeat and, for [`STATUS_NS`], into the picture. `after`: the
@@ -442,7 +409,7 @@ impl RendererShell {
         if let Some(&FrameRecord { field, frame, .. }) = after {
             tracing::info!(field, frame, "{text}");
         }
-        if !self.write_failed {
+        if !self.files.write_failed {
             self.shell.set_text(&text);
         }
     }
@@ -469,10 +436,10 @@ impl Work<anyhow::Error> for RendererShell {
         }
         self.publish_pictures()?;
         self.send_frames(now())?;
-        let report = &mut self.shell.report;
-        report.received = self.scenes.counts().received + self.poses.counts().received;
-        report.sent = self.frames.sent();
-        report.lost = self.output.dropped;
+        let (report, channels) = (&mut self.shell.report, &self.channels);
+        report.received = channels.scenes.counts().received + channels.poses.counts().received;
+        report.sent = channels.frames.sent();
+        report.lost = self.files.output.dropped;
         self.serve_window()
     }
 
@@ -482,7 +449,7 @@ impl Work<anyhow::Error> for RendererShell {
             Command::Pause | Command::Start => self.user.pause(command == Command::Pause),
             Command::Help => self.user.show_help(argument == 1),
             Command::Flush => self.held.end(),
-            Command::Snapshot if self.keeps_last => self.snapshot = true,
+            Command::Snapshot if self.files.keeps_last => self.files.snapshot = true,
             Command::Snapshot => {
                 return Ok(Served::Refused("no folder for stills: start with --stills DIR".into()));
             }

@@ -134,6 +134,23 @@ fn bad_rigs_and_streams_are_refused_with_place_and_expectation() {
     refused(&["import", "--rig", &one, &stream, "-o", &out], &["one.json", "cameras", "2 to 8"]);
 }
 
+/// The tracker refuses rotations by columns, and `rig check` says that they are.
+#[test]
+fn the_refusal_of_a_rig_names_the_command_that_explains_it() {
+    let folder = tempfile::tempdir().expect("folder");
+    let mut rig = rig::Rig::load_or_shipped(None).expect("the shipped rig");
+    for camera in &mut rig.cameras {
+        let rows = camera.rotation;
+        camera.rotation = std::array::from_fn(|i| std::array::from_fn(|j| rows[j][i]));
+    }
+    let file = write(folder.path(), "rig.json", rig.to_json().as_bytes());
+    let name = instance_name();
+    let defect = "rig.json cannot work: all cameras look from the same side";
+    let command = format!("for details: vitreo rig check {file}");
+    refused(&["run", "--no-picture", "--instance", &name, "--rig", &file], &[defect, &command]);
+    refused(&["rig", "check", &file], &["R of cameras 0, 1 and 2 were transposed"]);
+}
+
 #[test]
 fn a_stream_of_which_no_field_fits_the_rig_is_no_success() {
     let folder = tempfile::tempdir().expect("folder");

@@ -17,6 +17,7 @@ mod endure;
 mod faults;
 mod field_trace;
 mod film;
+mod help;
 mod hostile;
 mod instruments;
 mod judged;

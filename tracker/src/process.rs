@@ -8,7 +8,7 @@ use crate::assembler::{ClosedFrame, FrameAssembler};
 use crate::config::Config;
 use crate::refusals::Refusals;
 use crate::report::Report;
-use crate::rig_check;
+use crate::rig_check::{self, RigDefect};
 use crate::tracker::{Tracker, close, stamp};
 use anyhow::Context;
 use ipc::clock::now;
@@ -28,6 +28,7 @@ use readiness::Readiness;
 use rig::Rig;
 use saving::Saving;
 use std::collections::VecDeque;
+use std::path::Path;
 
 /// Fields taken in a turn. Where they come as fast as they are tracked there is no last one, and a turn without an end
 /// would count as a sleep, after which fields are passed over. Requests wait for the end of a turn, so that they find tracked
@@ -40,6 +41,18 @@ const FIELDS_A_TURN: usize = 8 * MAX_FIELDS_USED;
 /// A rig that cannot be read or cannot work; a channel that cannot be opened or fails.
 pub fn run(config: &Config) -> anyhow::Result<()> {
     ipc::shell::run(&mut TrackerProcess::start(config)?)
+}
+
+/// The refusal of a rig, with the command that says more, such as which rotations look transposed. A rig out of a recording
+/// is a file in memory, which no other command can read.
+fn unusable(path: Option<&Path>, defect: &RigDefect) -> anyhow::Error {
+    match path.filter(|path| !path.starts_with("/proc")) {
+        Some(path) => {
+            let name = path.display();
+            anyhow::anyhow!("the rig {name} cannot work: {defect}; for details: vitreo rig check {name}")
+        }
+        None => anyhow::anyhow!("this rig cannot work: {defect}"),
+    }
 }
 
 struct TrackerProcess {
@@ -70,7 +83,7 @@ struct TrackerProcess {
 impl TrackerProcess {
     fn start(config: &Config) -> anyhow::Result<Self> {
         let rig = Rig::load_or_shipped(config.rig.rig.as_deref()).context("--rig")?;
-        rig_check::check(&rig).context("this rig cannot work")?;
+        rig_check::check(&rig).map_err(|defect| unusable(config.rig.rig.as_deref(), &defect))?;
         let (instance, shell) = Shell::start(Process::Tracker, &config.shell).context("cannot start")?;
         let tracker = Tracker::with(&rig, !config.fixed_rig);
         Ok(TrackerProcess {

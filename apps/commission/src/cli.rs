@@ -6,7 +6,7 @@ use crate::lenses::{self, LensesArgs};
 use crate::pictures::PicturesArgs;
 use crate::poses::{self, PosesArgs};
 use crate::trocars::{self, TrocarsArgs};
-use crate::{Refused, colours};
+use crate::{NotBetter, Refused, colours};
 use anyhow::{Result, anyhow};
 use ipc::logging::{LogArgs, inform, warn};
 use outputs::{Force, println};
@@ -48,7 +48,8 @@ pub enum Task {
     Colours(PicturesArgs),
     /// Calibrate the lens of each camera from pictures of a board in different poses.
     Lenses(LensesArgs),
-    /// Calibrate the poses of the cameras from a board that they see together, or from waved instruments.
+    /// Calibrate the poses of the cameras from a board that they see together, or from waved instruments; exit code 5 if
+    /// the rig is wrong, but waved instruments would not make it better.
     Poses(PosesArgs),
     /// Calibrate the trocars and the eye's centre from a stream in which the instruments tilt and the eye turns.
     Trocars(TrocarsArgs),
@@ -70,7 +71,7 @@ impl Task {
 }
 
 /// Runs a step, or says what is next. Exit codes: 0 done, 1 failed or refused with advice, 5 the check found that
-/// something is missing or does not hold.
+/// something is missing or does not hold, or a step cannot correct what is wrong.
 ///
 /// # Errors
 /// Those of the step; nothing is written then.
@@ -90,14 +91,10 @@ pub fn run(args: &CommissionArgs) -> Result<ExitCode> {
         Task::Trocars(args) => trocars::run(&folder, &rig, args).map(|outcome| (outcome, true)),
         Task::Check(args) => check::run(&folder, &rig, args),
     };
-    let (mut outcome, good): (Outcome, bool) = done.map_err(|error| match error.downcast_ref() {
-        // Each is a line of its own.
-        Some(Refused(advice)) if advice.len() > 1 => {
-            advice.iter().for_each(|said| warn(said));
-            anyhow!("{}: {} problems to correct; nothing was written", step.name(), advice.len())
-        }
-        _ => error,
-    })?;
+    let (mut outcome, good): (Outcome, bool) = match done {
+        Ok(done) => done,
+        Err(error) => return refused(step, error),
+    };
     // A step that changes the rig keeps it in the folder, also where it began with another one.
     if outcome.rig.as_ref() == Some(&rig) && folder.file("rig.json").exists() {
         outcome.rig = None;
@@ -107,6 +104,23 @@ pub fn run(args: &CommissionArgs) -> Result<ExitCode> {
     folder.take(step, outcome)?;
     inform(&format!("{} written", folder.file("report.html").display()));
     Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(outputs::exit::DIFFERS) })
+}
+
+/// Prints why a step was refused; nothing is written.
+fn refused(step: Step, error: anyhow::Error) -> Result<ExitCode> {
+    if let Some(NotBetter { found, why }) = error.downcast_ref() {
+        println!("{}: {found}", step.name());
+        warn(&format!("{}: nothing was written: {why}", step.name()));
+        return Ok(ExitCode::from(outputs::exit::DIFFERS));
+    }
+    match error.downcast_ref() {
+        // Each is a line of its own.
+        Some(Refused(advice)) if advice.len() > 1 => {
+            advice.iter().for_each(|said| warn(said));
+            Err(anyhow!("{}: {} problems to correct; nothing was written", step.name(), advice.len()))
+        }
+        _ => Err(error),
+    }
 }
 
 fn tell(step: Step, record: &Record) {

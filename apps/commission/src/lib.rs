@@ -23,6 +23,16 @@ pub mod trocars;
 #[error("{}", self.0.join("; "))]
 pub struct Refused(pub Vec<String>);
 
+/// Why a step leaves everything as it is, although something is wrong: it cannot correct that.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{found}; {why}")]
+pub struct NotBetter {
+    /// What is wrong.
+    pub found: String,
+    /// Why the step does not correct it.
+    pub why: String,
+}
+
 /// Refuses where there is anything to say.
 ///
 /// # Errors

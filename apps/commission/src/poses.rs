@@ -10,16 +10,16 @@ use crate::live::{SECONDS, seconds};
 use crate::pictures::PicturesArgs;
 use crate::places::{beside, exchanged, laid_over, spread_mm};
 use crate::stream::{self, MOST_INSTANTS, Origin, Stream};
-use crate::{Refused, refuse};
+use crate::{NotBetter, Refused, refuse};
 use anyhow::Result;
 use calibration::bundle::PriorSigmas;
-use calibration::causes::measure;
-use calibration::cli::{BoardArgs, waved_report};
+use calibration::causes::{Judgement, measure};
+use calibration::cli::{BoardArgs, Waved, refined_by_waving};
 use calibration::lens::LENS;
 use calibration::multi_camera::{LensMode, calibrate_cameras};
 use calibration::report::Report;
 use calibration::rig_output::rig_with;
-use calibration::self_calibration::refine_stream;
+use calibration::self_calibration::{SelfCalibration, fitted, residuals_of};
 use calibration::target_problem::{Calibrated, Residual, Robustness, TargetView};
 use fpga_model::input::whole::is_recording;
 use protocol::blobs::BlobField;
@@ -206,39 +206,47 @@ fn keep_or(rig: &Rig, new: Rig, outcome: &mut Outcome) -> Option<Rig> {
 /// How sure a rig is before its instruments are waved.
 const BEFORE: PriorSigmas = PriorSigmas { camera_mm: 0.2, camera_rad: 2e-3, marker_mm: 0.01, lens_px: 0.0 };
 
+/// Refines the places by waved instruments, under the conditions of `vitreo calibrate waved`.
 fn waved(folder: &Folder, rig: &Rig, origin: Origin<'_>) -> Result<Outcome> {
     let stream = stream::load(rig, origin, folder.colours().as_deref())?;
-    let refined = |fields: &[BlobField]| {
-        refine_stream(rig, fields, &BEFORE, MOST_INSTANTS, &mut |_, _| {}).map_err(|problem| {
-            Refused(vec![format!(
-                "the stream does not determine where the cameras are ({problem}): do poses from a board \
-                 first, wave slowly, and keep \
-                 instruments and eye in view of all cameras"
-            )])
-        })
+    let refined = refined_by_waving(rig, &stream.fields, &BEFORE, MOST_INSTANTS).map_err(|problem| {
+        Refused(vec![format!(
+            "the stream does not determine where the cameras are ({problem}): do poses from a board first, wave \
+             slowly, and keep instruments and eye in view of all cameras"
+        )])
+    })?;
+    let mut outcome = match refined {
+        Waved::Better { found, report } => better(rig, &found, &report, &stream)?,
+        // What was there is right: the step is done.
+        Waved::Kept { judgement, why } if judgement.holds => kept(rig, &judgement, why, &stream)?,
+        Waved::Kept { judgement, why } => return Err(NotBetter { found: judgement.text(), why }.into()),
     };
-    let found = refined(&stream.fields)?;
-    let half_ns = stream.fields[0].exposed_ns + (0.5e9 * stream.seconds) as u64;
-    let (first, rest): (Vec<BlobField>, Vec<BlobField>) =
-        stream.fields.iter().partition(|f| f.exposed_ns < half_ns);
-    let learnt = refined(&first)?.bundle.rig(rig);
-    let [held_out, before] = [&learnt, rig].map(|rig| Fit::of(rig, &rest));
+    outcome.record.from = origin.names();
+    outcome.record.advice.extend(stream.advice());
+    Ok(outcome)
+}
+
+/// The refined rig, with what was found.
+fn better(rig: &Rig, found: &SelfCalibration, report: &Report, stream: &Stream) -> Result<Outcome> {
     let mut outcome = Outcome::default();
-    let report = waved_report(rig, &found, true);
     let record = &mut outcome.record;
-    record.from = origin.names();
-    record.kept = before.left_px < held_out.left_px;
     record.summary =
         format!("{:.0} s of waved instruments: residuals {:.3} px", stream.seconds, report.rms_px);
-    told(&report, record);
-    record.figure(
-        "residual of the blobs of the held-out half of the stream",
-        format!("{held_out}; with the previous rig {before}"),
-    );
-    record.advice.extend(stream.advice());
+    told(report, record);
     pictures(rig, &found.residuals, &mut outcome)?;
-    let new = Rig::parse(&found.bundle.rig(rig).to_json(), "of the waved instruments")?;
-    outcome.rig = keep_or(rig, new, &mut outcome);
+    outcome.rig = Some(Rig::parse(&found.bundle.rig(rig).to_json(), "of the waved instruments")?);
+    Ok(outcome)
+}
+
+/// The rig as it is, which holds.
+fn kept(rig: &Rig, judgement: &Judgement, why: String, stream: &Stream) -> Result<Outcome> {
+    let mut outcome = Outcome { rig: Some(rig.clone()), ..Outcome::default() };
+    let record = &mut outcome.record;
+    record.kept = true;
+    record.summary = format!("{:.0} s of waved instruments: {}", stream.seconds, judgement.text());
+    record.notes.push(why);
+    let (seen, bundle) = fitted(rig, &stream.seen(rig)?)?;
+    pictures(rig, &residuals_of(&seen, &bundle), &mut outcome)?;
     Ok(outcome)
 }
 

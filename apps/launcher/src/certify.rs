@@ -67,25 +67,25 @@ pub struct CertifyArgs {
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
     /// Duration of the measurement in real time, s [default: 120].
-    #[arg(long, value_name = "S", value_parser = positive, allow_negative_numbers = true, conflicts_with_all = ["triples", "long"])]
+    #[arg(long, value_name = "S", value_parser = positive, allow_negative_numbers = true, conflicts_with_all = ["triples", "long"], help_heading = "Measurement")]
     pub duration: Option<f64>,
     /// Duration of the measurement in triples (one field of each camera) instead of seconds.
-    #[arg(long, value_name = "N", value_parser = settings::commands::numbers::whole::<u64>(1, MOST), conflicts_with = "long")]
+    #[arg(long, value_name = "N", value_parser = settings::commands::numbers::whole::<u64>(1, MOST), conflicts_with = "long", help_heading = "Measurement")]
     pub triples: Option<u64>,
     /// Long measurement: 30 minutes in real time, and a million triples with --at-speed.
-    #[arg(long)]
+    #[arg(long, help_heading = "Measurement")]
     pub long: bool,
     /// Then send N more triples as fast as the tracker accepts them, and count lost ones [default: 0].
-    #[arg(long, value_name = "N", value_parser = settings::commands::numbers::whole::<u64>(0, MOST))]
+    #[arg(long, value_name = "N", value_parser = settings::commands::numbers::whole::<u64>(0, MOST), help_heading = "Measurement")]
     pub at_speed: Option<u64>,
     /// Load during the measurement: all (stress-ng on every processor, or busy threads if it is not installed) or none.
-    #[arg(long, value_enum, value_name = "all|none", default_value_t = Beside::All, hide_possible_values = true)]
+    #[arg(long, value_enum, value_name = "all|none", default_value_t = Beside::All, hide_possible_values = true, help_heading = "Measurement")]
     pub load: Beside,
     /// Write the certificate as a page (.html, .md) or as figures (.json); repeat for several files.
     #[arg(long, value_name = "FILE.html|FILE.md|FILE.json", value_parser = report_file, help_heading = "Outputs")]
     pub report: Vec<PathBuf>,
     /// Exit with code 4 if p99.9 exceeds the machine's own wake-up latency by more than 0.5 ms.
-    #[arg(long)]
+    #[arg(long, help_heading = "Checks")]
     pub assert: bool,
     /// Instance name of the measurement.
     #[arg(long, value_name = "NAME", default_value = "certify")]

@@ -17,7 +17,7 @@ use crate::verify::Verdict;
 use crate::what_if;
 use anyhow::{Context, bail};
 use collision::backend::Backend;
-use diagnosis::{untracked, warned};
+use diagnosis::{sentences, untracked, warned};
 use ipc::clock::now;
 use ipc::logging::{inform, warn};
 use outputs::exit::{DIFFERS, LOSS, UNTRACKED, WARNED};
@@ -72,23 +72,14 @@ fn replay(args: &ReplayArgs, recording: &Recording) -> anyhow::Result<ExitCode> 
     let mut replay = Replay { args, recording, rig, pace, products, verdict, screen: None };
     let played = replay.play();
     let pictures = replay.screen.take().map(Screen::finish).transpose()?;
-    let stopped = match played {
-        Ok(damage) => {
-            let figures = &mut replay.products.figures;
-            figures.cut = matches!(damage.as_deref(), Some(RecordingError::Truncated { .. }));
-            figures.damage = damage.map(|d| d.to_string());
-            false
-        }
-        Err(error) if error.is::<Stopped>() => true,
-        Err(error) => return Err(error),
-    };
+    let stopped = was_stopped(played, &mut replay.products.figures)?;
     let judged = if stopped { None } else { likely_cause::at_end(recording, || stop.is_raised()) };
     let Replay { mut products, verdict, .. } = replay;
     products.judged(judged.as_ref().and_then(OfLast::judged));
     products.figures.unclosed = !recording.is_finished();
     products.figures.verify = verdict;
     let figures = products.finish()?;
-    print(&figures);
+    print(&figures, judged.as_ref());
     pictures.iter().for_each(|pictures| print_pictures(args, *pictures));
     if stopped && args.is_unpaced() {
         bail!(Stopped);
@@ -100,8 +91,23 @@ fn replay(args: &ReplayArgs, recording: &Recording) -> anyhow::Result<ExitCode> 
         ));
         bail!(Stopped);
     }
-    judged.and_then(|judged| judged.paragraph()).into_iter().for_each(|cause| println!("{cause}"));
     judge(args, &figures)
+}
+
+/// Notes how the recording ends; true if the user stopped the replay before.
+fn was_stopped(
+    played: anyhow::Result<Option<Arc<RecordingError>>>,
+    figures: &mut Figures,
+) -> anyhow::Result<bool> {
+    match played {
+        Ok(damage) => {
+            figures.cut = matches!(damage.as_deref(), Some(RecordingError::Truncated { .. }));
+            figures.damage = damage.map(|d| d.to_string());
+            Ok(false)
+        }
+        Err(error) if error.is::<Stopped>() => Ok(true),
+        Err(error) => Err(error),
+    }
 }
 
 /// Refuses what cannot be asked of a recording.
@@ -307,7 +313,7 @@ fn summary(figures: &Figures) -> String {
     }
 }
 
-fn print(figures: &Figures) {
+fn print(figures: &Figures, judged: Option<&OfLast>) {
     println!("{}", summary(figures));
     let fields_refused = figures.fields_refused;
     if fields_refused > 0 {
@@ -328,10 +334,9 @@ fn print(figures: &Figures) {
     if figures.unclosed && figures.damage.is_none() {
         warn("the recording was not closed properly: it was replayed up to its last complete record");
     }
-    for warning in &figures.warnings {
-        let to = warning.to_s.map_or("the end".into(), |s| format!("{s:.0} s"));
-        warn(&format!("from {:.0} s to {to}: {}", warning.from_s, warning.finding.text()));
-    }
+    judged.and_then(OfLast::paragraph).into_iter().for_each(|cause| println!("{cause}"));
+    let stated = judged.and_then(OfLast::stated);
+    sentences(&figures.warnings, stated.as_ref()).iter().for_each(|text| warn(text));
     if let Some(damage) = &figures.damage {
         warn(&damage.to_string());
     }

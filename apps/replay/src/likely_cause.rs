@@ -47,6 +47,12 @@ impl OfLast {
         self.warning().map(|warning| Judged { warning, cameras })
     }
 
+    /// The cause and the remedy that the paragraph states; `None` if it names none.
+    pub fn stated(&self) -> Option<Finding> {
+        let is_explained = self.judgement.verdict == Verdict::Explained;
+        self.warning().filter(|_| is_explained).map(|warning| warning.finding)
+    }
+
     fn warning(&self) -> Option<Warning> {
         let judgement = &self.judgement;
         let (cause, remedy) = match judgement.verdict {
@@ -172,10 +178,12 @@ mod tests {
     fn a_healthy_recording_says_nothing_and_swapped_cameras_are_said_with_the_remedy() {
         let healthy = at_end(&golden(), || false).expect("a judgement");
         assert!(healthy.paragraph().is_none() && healthy.warning().is_none(), "{healthy:?}");
+        assert_eq!(healthy.stated(), None);
         let (_folder, swapped) = changed(|field| field.camera = [1, 0, 2][field.camera as usize]);
         let found = at_end(&swapped, || false).expect("a judgement");
         let said = found.paragraph().expect("a cause");
         let warning = found.warning().expect("a cause").finding;
+        assert_eq!(found.stated().as_ref(), Some(&warning), "the paragraph has cause and remedy");
         assert!(
             warning.cause.contains("cameras 0 and 1") && warning.remedy.contains("cables"),
             "{warning:?}"

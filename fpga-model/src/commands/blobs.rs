@@ -23,31 +23,32 @@ use std::path::{Path, PathBuf};
 /// are numbered from 0, and picture k is exposed k + 1 periods after time zero; the period is 20 ms for
 /// stills and the clip's own for clips.
 #[derive(Debug, Clone, clap::Args)]
+#[command(mut_arg("force", |arg| arg.help_heading("Outputs")))]
 pub struct BlobsArgs {
     /// Still images, one clip or camera device (/dev/video0) per camera, or one recording of pixels.
     #[arg(required = true, value_name = "IMAGE|CLIP.y4m|PIXELS.mcap")]
     pub pictures: Vec<PathBuf>,
     /// Field of each picture: a camera's k-th line describes its k-th picture.
-    #[arg(long, value_name = "FIELDS.jsonl")]
+    #[arg(long, value_name = "FIELDS.jsonl", help_heading = "Pictures")]
     pub fields: Option<PathBuf>,
     /// File for the blobs, one line per field [default: standard output].
-    #[arg(short, long, value_name = "BLOBS.jsonl")]
+    #[arg(short, long, value_name = "BLOBS.jsonl", help_heading = "Outputs")]
     pub output: Option<PathBuf>,
     /// Draw the blobs over a picture. With %d or %04d in the name, draw every picture, numbered from 0.
-    #[arg(long, value_name = "OUT.png")]
+    #[arg(long, value_name = "OUT.png", help_heading = "Outputs")]
     pub overlay: Option<PathBuf>,
     /// Picture to draw with --overlay, counted from 0 over all cameras.
-    #[arg(long, value_name = "N", default_value_t = 0, requires = "overlay")]
+    #[arg(long, value_name = "N", default_value_t = 0, requires = "overlay", help_heading = "Outputs")]
     pub overlay_picture: u64,
     /// Stop after N pictures.
-    #[arg(long = "count", value_name = "N")]
+    #[arg(long = "count", value_name = "N", help_heading = "Pictures")]
     pub pictures_at_most: Option<u64>,
     /// Fields per picture [default: from the clip's header].
-    #[arg(long, value_name = "ORDER")]
+    #[arg(long, value_name = "ORDER", help_heading = "Pictures")]
     pub interlaced: Option<Interlace>,
     /// Sample values of black and white in still images, for instance 2000:12000 for 16 bits [default: full
     /// range for 8 bits, the picture's own range for 16 bits].
-    #[arg(long, value_name = "BLACK:WHITE", value_parser = Levels::parse)]
+    #[arg(long, value_name = "BLACK:WHITE", value_parser = Levels::parse, help_heading = "Pictures")]
     pub levels: Option<Levels>,
     /// Colour classes and their levels [default: the shipped classes].
     #[arg(long, value_name = "FILE.toml")]

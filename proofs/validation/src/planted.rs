@@ -102,6 +102,15 @@ pub fn whole_rig(seed: u64) -> Rig {
     rig
 }
 
+/// The rig with pictures of a size that is not the rig's, of the camera or of all, as a cause.
+fn with_wrong_size(rig: &Rig, camera: u32, random: &mut Random) -> (Rig, Cause) {
+    let own = [rig.cameras[0].width, rig.cameras[0].height];
+    let others: Vec<[u32; 2]> = SIZES.into_iter().filter(|size| *size != own).collect();
+    let size_px = random.one_of(&others);
+    let camera = if random.once_in(2) { None } else { Some(camera) };
+    (with_size(rig.clone(), camera, size_px), Cause::PictureSize { camera, size_px })
+}
+
 /// The rig with pictures of another size: those of a camera, or of all.
 fn with_size(mut rig: Rig, camera: Option<u32>, size_px: [u32; 2]) -> Rig {
     for own in rig.cameras.iter_mut().filter(|c| camera.is_none_or(|id| id == c.id)) {
@@ -131,59 +140,70 @@ pub fn plant_on(
     let mut random = Random::new(seed, 4711);
     let recipe = Recipe { scenario, seed, seconds, knocks: vec![] };
     let camera = rig.cameras[random.below(rig.cameras.len())].id;
-    let mut planted = Planted { fields: Vec::new(), truth: None, since_s: 0.0, rig: rig.clone() };
+    let mut planted = Planted { fields: Vec::new(), truth: None, since_s: 0.0, rig };
+    planted.plant(defect, recipe, camera, from_s, &mut random);
+    planted
+}
+
+/// Makes the rig file wrong, of which the stream shows nothing.
+fn spoil_rig(rig: &mut Rig, defect: Defect, camera: u32, seed: u64, random: &mut Random) -> Cause {
     match defect {
         Defect::Scale => {
             // The rig file has the cameras too far away, or too near.
             let factor = 1.0 + random.between(0.012, 0.03) * if seed.is_multiple_of(2) { 1.0 } else { -1.0 };
-            planted.fields = recipe.draw(&rig).fields;
-            planted.rig.cameras.iter_mut().flat_map(|c| &mut c.t).for_each(|t| *t *= factor);
-            planted.truth = Some(Cause::Scale { camera: None, factor });
+            rig.cameras.iter_mut().flat_map(|c| &mut c.t).for_each(|t| *t *= factor);
+            Cause::Scale { camera: None, factor }
         }
-        Defect::FocalLength | Defect::Distortion | Defect::PrincipalPoint => {
-            planted.fields = recipe.draw(&rig).fields;
-            planted.truth = Some(spoil_lens(&mut planted.rig, defect, camera, &mut random));
-        }
-        Defect::MarkersSwapped => {
-            planted.fields = recipe.draw(&rig).fields;
-            planted.truth = Some(swap_markers(&mut planted.rig, &mut random));
-        }
-        Defect::StampsStep => {
-            planted.fields = recipe.draw(&rig).fields;
-            planted.truth = of_blobs(Defect::StampsShifted, &rig, camera, &mut random);
-            planted.spoil_from(from_s.max(STEP * seconds));
-        }
-        Defect::MarkerMoved => {
-            let (true_rig, cause) = with_moved_marker(&rig, &mut random);
-            planted.fields = recipe.draw(&true_rig).fields;
-            planted.truth = Some(cause);
-        }
-        Defect::CameraMoved | Defect::TwoCamerasMoved => {
-            planted.knock(defect, recipe, camera, from_s, &mut random)
-        }
-        Defect::WrongSize => {
-            let own = [rig.cameras[0].width, rig.cameras[0].height];
-            let others: Vec<[u32; 2]> = SIZES.into_iter().filter(|size| *size != own).collect();
-            let size_px = random.one_of(&others);
-            let camera = if random.once_in(2) { None } else { Some(camera) };
-            let seen_by = with_size(rig.clone(), camera, size_px);
-            planted.fields = recipe.draw(&seen_by).fields;
-            planted.truth = Some(Cause::PictureSize { camera, size_px });
-        }
-        Defect::Progressive => {
-            planted.fields = recipe.draw_progressive(&rig).fields;
-            planted.truth = Some(Cause::Progressive { camera: None });
-        }
-        _ => {
-            planted.fields = recipe.draw(&rig).fields;
-            planted.truth = of_blobs(defect, &rig, camera, &mut random);
-            planted.spoil_from(from_s);
-        }
+        Defect::MarkersSwapped => swap_markers(rig, random),
+        _ => spoil_lens(rig, defect, camera, random),
     }
-    planted
 }
 
 impl Planted {
+    /// Draws the stream with the defect, which begins at `from_s` where it is one of cameras.
+    fn plant(&mut self, defect: Defect, recipe: Recipe, camera: u32, from_s: f64, random: &mut Random) {
+        let rig = self.rig.clone();
+        match defect {
+            Defect::Scale
+            | Defect::FocalLength
+            | Defect::Distortion
+            | Defect::PrincipalPoint
+            | Defect::MarkersSwapped => {
+                let cause = spoil_rig(&mut self.rig, defect, camera, recipe.seed, random);
+                self.draw(&recipe, &rig, Some(cause));
+            }
+            Defect::StampsStep => {
+                self.draw(&recipe, &rig, of_blobs(Defect::StampsShifted, &rig, camera, random));
+                self.spoil_from(from_s.max(STEP * recipe.seconds));
+            }
+            Defect::MarkerMoved => {
+                let (true_rig, cause) = with_moved_marker(&rig, random);
+                self.draw(&recipe, &true_rig, Some(cause));
+            }
+            Defect::CameraMoved | Defect::TwoCamerasMoved => {
+                self.knock(defect, recipe, camera, from_s, random)
+            }
+            Defect::WrongSize => {
+                let (seen_by, cause) = with_wrong_size(&rig, camera, random);
+                self.draw(&recipe, &seen_by, Some(cause));
+            }
+            Defect::Progressive => {
+                self.fields = recipe.draw_progressive(&rig).fields;
+                self.truth = Some(Cause::Progressive { camera: None });
+            }
+            _ => {
+                self.draw(&recipe, &rig, of_blobs(defect, &rig, camera, random));
+                self.spoil_from(from_s);
+            }
+        }
+    }
+
+    /// Draws the stream as a rig sees it, and notes what is wrong.
+    fn draw(&mut self, recipe: &Recipe, seen_by: &Rig, truth: Option<Cause>) {
+        self.fields = recipe.draw(seen_by).fields;
+        self.truth = truth;
+    }
+
     /// Draws the stream with a camera, or with it and another one, moved from an instant on.
     fn knock(&mut self, defect: Defect, recipe: Recipe, camera: u32, from_s: f64, random: &mut Random) {
         let mut cameras = vec![camera];

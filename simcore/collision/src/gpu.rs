@@ -97,6 +97,32 @@ impl Memory {
             rest: None,
         }
     }
+
+    /// Binds the memory to the passes, with the corners and those buffers that only the passes use.
+    fn bind(&self, gpu: &GpuDevice, [corner, survivor, longest]: [&Buffer; 3]) -> BindGroup {
+        let bound = [
+            &self.params,
+            &self.position,
+            corner,
+            &self.alive,
+            &self.instrument,
+            survivor,
+            &self.work,
+            longest,
+            &self.results,
+        ];
+        gpu.passes.bind(&gpu.device, bound)
+    }
+}
+
+/// Refuses a mesh of which one of the buffers would be larger than the adapter binds.
+fn expect_room(gpu: &GpuDevice, lists: &Lists, triangles: usize, nodes: usize) -> Result<(), GpuError> {
+    let largest = [9 * triangles, 3 * nodes, triangles + nodes, lists.words()];
+    let bytes = 4 * largest.into_iter().max().unwrap_or(0) as u64;
+    if bytes > gpu.room {
+        return Err(GpuError::TooLarge { triangles, vertices: nodes, bytes, room: gpu.room });
+    }
+    Ok(())
 }
 
 /// ZCOLL for one mesh on one adapter.
@@ -130,31 +156,15 @@ impl GpuZcoll {
     ) -> Result<Self, GpuError> {
         let pixels = volume.resolution * volume.resolution;
         let lists = Lists::new(triangles.len(), nodes, pixels);
+        expect_room(&gpu, &lists, triangles.len(), nodes)?;
         let corners = triangles.as_flattened();
-        let largest = [3 * corners.len(), 3 * nodes, triangles.len() + nodes, lists.words()];
-        let bytes = 4 * largest.into_iter().max().unwrap_or(0) as u64;
-        if bytes > gpu.room {
-            let (triangles, room) = (triangles.len(), gpu.room);
-            return Err(GpuError::TooLarge { triangles, vertices: nodes, bytes, room });
-        }
         let (storage, filled) = (BufferUsages::STORAGE, BufferUsages::STORAGE | BufferUsages::COPY_DST);
         let corner = gpu.buffer("corners", corners.len(), filled);
         let survivor = gpu.buffer("survivors", triangles.len(), storage);
         // New buffers are zero: no triangle and no node has a vector yet.
         let longest = gpu.buffer("longest", triangles.len() + nodes, storage);
         let memory = Memory::new(&gpu, &lists, triangles.len(), nodes, pixels);
-        let bound = [
-            &memory.params,
-            &memory.position,
-            &corner,
-            &memory.alive,
-            &memory.instrument,
-            &survivor,
-            &memory.work,
-            &longest,
-            &memory.results,
-        ];
-        let group = gpu.passes.bind(&gpu.device, bound);
+        let group = memory.bind(&gpu, [&corner, &survivor, &longest]);
         gpu.queue.write_buffer(&corner, 0, bytemuck::cast_slice(corners));
         gpu.check()?;
         Ok(GpuZcoll {

@@ -12,10 +12,12 @@ mod rig_file;
 mod stereo;
 mod stream;
 mod target;
+mod waved;
 
 pub use fields::fields_in;
-pub use stream::{Centre, LIMIT_PX, drift_report, judged, pivoted, shafts, turned, waved_report};
+pub use stream::{Centre, LIMIT_PX, drift_report, judged, pivoted, shafts, turned};
 pub use target::BoardArgs;
+pub use waved::{Waved, refined_by_waving, waved_report};
 
 use crate::lens::{LENS, LENS_NAMES};
 use crate::multi_camera::Progress;
@@ -60,7 +62,7 @@ pub enum Task {
     /// camera.
     Dots(fixed::DotsArgs),
     /// Refine a rig's camera poses and marker positions from a stream of instruments waved in front of the cameras.
-    Waved(stream::WavedArgs),
+    Waved(waved::WavedArgs),
     /// Calibrate the trocars and the eye's centre from a stream in which the instruments tilt and the eye turns.
     Pivot(stream::PivotArgs),
     /// Check from a recent stream whether a rig still holds; exit code 5 if it does not.
@@ -158,7 +160,7 @@ pub fn run(args: &CalibrateArgs) -> anyhow::Result<ExitCode> {
         Task::Intrinsics(args) => target::intrinsics(args),
         Task::Stereo(args) => stereo::stereo(args),
         Task::Dots(args) => fixed::fixed_dots(args),
-        Task::Waved(args) => stream::waved(args),
+        Task::Waved(args) => waved::waved(args),
         Task::Pivot(args) => stream::pivot(args),
         Task::Drift(args) => stream::drift(args),
         Task::Board(args) => board::draw(args),

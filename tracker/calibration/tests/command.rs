@@ -61,7 +61,11 @@ fn pictures_of_two_cameras_become_a_rig_with_residual_pictures() {
     // OpenCV's baseline of all thirteen pairs is 3.345 squares.
     assert!((figure(&told, "baseline") / 25.0 / 3.345 - 1.0).abs() < 0.02);
     assert_eq!(told["cameras"][0]["lens"][8][1]["sigma"], 0.0, "k3 is held");
+    let noted = |words: &str| told["notes"].to_string().contains(words);
+    assert!(noted("without --rig, the rig has whole frames at 50 Hz: set field_hz"), "{told}");
+    assert!(noted("its bodies, trocars and workspace are those of the shipped rig"), "{told}");
     let rig = Rig::load(Path::new(&path("rig.json"))).unwrap();
+    assert_eq!(rig.scan, rig::sensor::Scan::Progressive, "the shipped rig's fields are of 720×576 px");
     assert_eq!((rig.cameras.len(), rig.frame, rig.cameras[0].dist[4]), (2, Some([640, 480]), 0.0));
     for id in 0..2 {
         let picture = image::open(path(&format!("pictures/residuals_cam{id}.png"))).unwrap().into_rgb8();
@@ -253,6 +257,7 @@ fn a_drifted_rig_ends_with_5_and_a_refined_one_with_0() {
     let (rig, blobs) = (data("tracker/calib/rig.json"), data("tracker/calib/blobs.jsonl"));
     let (told, code) = refused(&["drift", "--rig", &rig, &blobs]);
     assert!(code == 5 && told.contains("camera 0 has drifted"), "{code}: {told}");
+    assert!(!told.contains("reprojection residual"), "the report has the verdict: {told}");
     let told = report(&["waved", "--json", "--rig", &rig, &blobs, "-o", &refined]);
     let [before, after] = ["before", "after"].map(|n| figure(&told, &format!("rms of residuals {n}")));
     assert!(after < 0.75 * before, "{told}");

@@ -152,6 +152,24 @@ fn joined(warnings: Vec<Warning>) -> Vec<Warning> {
     all
 }
 
+/// The warnings in sentences. `stated`: a cause with its remedy that stands above them already. The warning of that cause
+/// itself is left out, and others of the same cause refer to it.
+pub fn sentences(warnings: &[Warning], stated: Option<&Finding>) -> Vec<String> {
+    let text = |finding: &Finding| match stated {
+        Some(stated) if finding == stated => None,
+        Some(stated) if finding.remedy == stated.remedy && finding.cause.starts_with(&stated.cause) => {
+            let more = &finding.cause[stated.cause.len()..];
+            Some(format!("{}: see the likely cause above{more}", finding.what))
+        }
+        _ => Some(finding.text()),
+    };
+    let sentence = |warning: &Warning| {
+        let to = warning.to_s.map_or("the end".into(), |s| format!("{s:.0} s"));
+        Some(format!("from {:.0} s to {to}: {}", warning.from_s, text(&warning.finding)?))
+    };
+    warnings.iter().filter_map(sentence).collect()
+}
+
 /// Says how many warnings there were, and the first of them; `None` without any.
 pub fn warned(warnings: &[Warning]) -> Option<String> {
     let first = warnings.first()?;
@@ -181,6 +199,33 @@ mod tests {
         let causes: Vec<&str> = found.iter().map(|w| &*w.finding.cause).collect();
         assert_eq!(causes, ["a clock", "b", "a clock"]);
         assert_eq!((&*found[0].finding.remedy, &*found[0].finding.subject), ("set it", "camera 2"));
+    }
+
+    #[test]
+    fn a_cause_that_was_stated_is_referred_to() {
+        let of_rig = |what: &str, cause: &str| Finding {
+            what: what.into(),
+            cause: cause.into(),
+            remedy: "set it".into(),
+            subject: "rig".into(),
+        };
+        let warning = |from_s, finding| Warning { from_s, to_s: None, finding };
+        let stated = of_rig("residuals", "a clock is late");
+        let warnings = [
+            warning(1.0, of_rig("camera 2 is excluded", "a clock is late")),
+            warning(2.0, of_rig("eye was lost", "a clock is late, or its markers are hidden")),
+            warning(3.0, finding("picture")),
+            warning(0.0, stated.clone()),
+        ];
+        let said = [
+            "from 1 s to the end: camera 2 is excluded: see the likely cause above",
+            "from 2 s to the end: eye was lost: see the likely cause above, or its markers are hidden",
+            "from 3 s to the end: a: b; c",
+        ];
+        assert_eq!(sentences(&warnings, Some(&stated)), said);
+        let whole = sentences(&warnings, None);
+        assert_eq!(whole[3], "from 0 s to the end: residuals: a clock is late; set it");
+        assert!(whole[0].ends_with("camera 2 is excluded: a clock is late; set it"), "{whole:?}");
     }
 
     #[test]

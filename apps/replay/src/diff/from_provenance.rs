@@ -113,12 +113,22 @@ fn compare_camera(a: &RigCamera, b: &Rig, found: &mut Vec<Finding>, named: &mut 
         let moved = Cause::CameraMoved { camera: a.id, turn_deg, shift_mm };
         found.push(certain(moved, "R and t of the camera in both rigs"));
     }
-    let ratios = [b.fx / a.fx, b.fy / a.fy];
-    if ratios[0] != 1.0 && (ratios[0] - ratios[1]).abs() < SAME_SCALE {
-        named.extend(["fx", "fy"].map(|key| format!("cameras.{}.{key}", a.id)));
-        let scaled = Cause::Scale { camera: Some(a.id), factor: ratios[0] };
-        found.push(certain(scaled, "fx and fy of the camera in both rigs"));
+    if let Some(lens) = other_lens(a, b) {
+        named.extend(["fx", "fy", "cx", "cy", "dist"].map(|key| format!("cameras.{}.{key}", a.id)));
+        found.push(certain(lens, "fx, fy, cx, cy and dist of the camera in both rigs"));
     }
+}
+
+/// Another lens in the second rig; `None` where nothing differs, or only what the cause does not name: terms of the
+/// distortion beyond the first.
+fn other_lens(a: &RigCamera, b: &RigCamera) -> Option<Cause> {
+    let values = |c: &RigCamera| [c.fx, c.fy, c.cx, c.cy, c.dist[0]];
+    (values(a) != values(b)).then(|| Cause::Lens {
+        camera: a.id,
+        focal: 0.5 * (b.fx / a.fx + b.fy / a.fy),
+        centre_px: [b.cx - a.cx, b.cy - a.cy],
+        k1: b.dist[0] - a.dist[0],
+    })
 }
 
 /// Angle of a rotation, degrees; exact also where it is small.
@@ -219,6 +229,25 @@ mod tests {
         assert!(
             matches!(&other[..], [Cause::KeyChanged { key, .. }] if key == "workspace.tip_radius"),
             "{other:?}"
+        );
+    }
+
+    #[test]
+    fn another_lens_is_one_cause_with_its_values() {
+        let lens = changed(|rig| {
+            let camera = &mut rig.cameras[2];
+            (camera.fx, camera.fy, camera.cx) = (1.02 * camera.fx, 1.02 * camera.fy, camera.cx + 3.0);
+            (camera.dist[0], camera.dist[1]) = (camera.dist[0] - 0.05, camera.dist[1] + 0.01);
+        });
+        let [Cause::Lens { camera: 2, focal, centre_px, k1 }] = lens[..] else { panic!("{lens:?}") };
+        assert!((focal - 1.02).abs() < 1e-9 && (k1 + 0.05).abs() < 1e-9, "{lens:?}");
+        assert_eq!(centre_px, [3.0, 0.0]);
+        let said = "the lens of camera 2 is not that of the rig file: focal length +2.00 %, principal point +3.0, +0.0 px";
+        assert!(lens[0].to_string().starts_with(said), "{}", lens[0]);
+        let distorted = changed(|rig| rig.cameras[0].dist[1] += 0.01);
+        assert!(
+            matches!(&distorted[..], [Cause::KeyChanged { key, .. }] if key == "cameras.0.dist"),
+            "{distorted:?}"
         );
     }
 }

@@ -21,6 +21,7 @@ pub const TABLES: [&str; 11] = [
 
 /// Arguments of `vitreo export`.
 #[derive(Debug, clap::Args)]
+#[command(mut_arg("force", |arg| arg.help_heading("Outputs")))]
 pub struct ExportArgs {
     /// The recording.
     #[arg(value_name = "FILE.mcap")]
@@ -29,7 +30,7 @@ pub struct ExportArgs {
     #[command(flatten)]
     pub what: What,
     /// File for --csv [default: standard output].
-    #[arg(short, long, value_name = "OUT.csv", requires = "csv")]
+    #[arg(short, long, value_name = "OUT.csv", requires = "csv", help_heading = "Outputs")]
     pub output: Option<PathBuf>,
     /// With --tum FILE: the body to write.
     #[arg(long, value_name = "BODY", requires = "tum", value_parser = BODY_NAMES)]

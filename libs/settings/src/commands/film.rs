@@ -7,29 +7,31 @@ use std::path::PathBuf;
 
 /// Arguments of `vitreo film`.
 #[derive(Debug, clap::Args)]
+// A heading applies to all arguments that follow.
+#[command(mut_arg("force", |arg| arg.help_heading(None::<&str>)))]
 pub struct FilmArgs {
     /// Module name or folder (vitreo modules lists them), or a recording, which is simulated again and shown
     /// as recorded.
     #[arg(value_name = "MODULE|FILE.mcap")]
     pub subject: String,
-    /// Level of the module, from 1 [default: the last].
-    #[arg(long, value_name = "N")]
-    pub level: Option<u32>,
-    /// Scripted surgeon: expert, average, novice, careless or idle [default: expert].
-    #[arg(long, value_name = "SURGEON")]
-    pub surgeon: Option<String>,
-    /// Seed of the surgeon's attempt and tremor [default: 1].
-    #[arg(long)]
-    pub seed: Option<u64>,
-    /// Maximum length of a module's film, s; it ends earlier if the operation does [default: 120].
-    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
-    pub length: Option<f64>,
-    /// The part of the recording.
-    #[command(flatten)]
-    pub span: SpanArgs,
     /// Film: .mp4 (H.264) or .y4m (uncompressed) [default: out/film.mp4, or no film with --stills].
     #[arg(short, long, value_name = "FILE.mp4|FILE.y4m", value_parser = video_file)]
     pub output: Option<PathBuf>,
+    /// Level of the module, from 1 [default: the last].
+    #[arg(long, value_name = "N", help_heading = "Film of a module")]
+    pub level: Option<u32>,
+    /// Scripted surgeon: expert, average, novice, careless or idle [default: expert].
+    #[arg(long, value_name = "SURGEON", help_heading = "Film of a module")]
+    pub surgeon: Option<String>,
+    /// Seed of the surgeon's attempt and tremor [default: 1].
+    #[arg(long, help_heading = "Film of a module")]
+    pub seed: Option<u64>,
+    /// Maximum length of a module's film, s; it ends earlier if the operation does [default: 120].
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true, help_heading = "Film of a module")]
+    pub length: Option<f64>,
+    /// The part of the recording.
+    #[command(flatten, next_help_heading = "Film of a recording")]
+    pub span: SpanArgs,
     /// Stills, and how all pictures are drawn.
     #[command(flatten)]
     pub drawing: DrawingArgs,

@@ -17,23 +17,30 @@ pub struct ReplayArgs {
     /// The recording, or a recording of pixels (vitreo cameras --record-fields FILE.mcap), in which blobs are found first.
     #[arg(value_name = "FILE.mcap")]
     pub file: PathBuf,
+    // Arguments without a heading come first, then the headings in the order of their first arguments.
     /// Run as fast as possible instead of at the recorded timing.
     #[arg(long)]
     pub lockstep: bool,
+    /// Speed relative to the recording.
+    #[arg(long, value_name = "R", default_value_t = 1.0, value_parser = positive, allow_negative_numbers = true, conflicts_with = "lockstep")]
+    pub rate: f64,
+    /// Repeat until Ctrl-C.
+    #[arg(long = "loop", conflicts_with_all = ["verify", "poses", "blobs", "report", "video", "stills"])]
+    pub endless: bool,
+    /// Show the replay in a window; keys pause, step and seek (H lists them).
+    #[arg(long, conflicts_with_all = ["verify", "poses", "blobs", "report", "assert_tracking", "assert_no_warnings"])]
+    pub window: bool,
+    /// Pause, step and seek by keys in the terminal, with or without a window (h lists them).
+    #[arg(long, conflicts_with_all = ["verify", "poses", "blobs", "report", "assert_tracking", "assert_no_warnings", "video", "headless"])]
+    pub interactive: bool,
+    /// The part to be shown.
+    #[command(flatten, next_help_heading = "Part of the recording")]
+    pub span: SpanArgs,
     /// Track the recorded blobs and simulate the recorded poses again, and compare both with the recording.
     /// Exit code 5: they differ; 3: only partly verified (gaps, an unclosed file, missing frames, another
     /// version of tracker or state hash); 1: nothing to compare.
     #[arg(long, help_heading = "Checks")]
     pub verify: bool,
-    /// Speed relative to the recording.
-    #[arg(long, value_name = "R", default_value_t = 1.0, value_parser = positive, allow_negative_numbers = true, conflicts_with = "lockstep")]
-    pub rate: f64,
-    /// The part to be shown.
-    #[command(flatten)]
-    pub span: SpanArgs,
-    /// Repeat until Ctrl-C.
-    #[arg(long = "loop", conflicts_with_all = ["verify", "poses", "blobs", "report", "video", "stills"])]
-    pub endless: bool,
     /// Write the poses.
     #[arg(long, value_name = "OUT.csv", help_heading = "Outputs")]
     pub poses: Option<PathBuf>,
@@ -52,12 +59,6 @@ pub struct ReplayArgs {
     /// Draw off screen, as fast as possible; --video and --stills imply it.
     #[arg(long, conflicts_with = "window", help_heading = "Picture")]
     pub headless: bool,
-    /// Show the replay in a window; keys pause, step and seek (H lists them).
-    #[arg(long, conflicts_with_all = ["verify", "poses", "blobs", "report", "assert_tracking", "assert_no_warnings"])]
-    pub window: bool,
-    /// Pause, step and seek by keys in the terminal, with or without a window (h lists them).
-    #[arg(long, conflicts_with_all = ["verify", "poses", "blobs", "report", "assert_tracking", "assert_no_warnings", "video", "headless"])]
-    pub interactive: bool,
     /// Save a film: .mp4 (H.264) or .y4m (uncompressed).
     #[arg(long, value_name = "FILE.mp4|FILE.y4m", value_parser = video_file, conflicts_with = "window", help_heading = "Picture")]
     pub video: Option<PathBuf>,
@@ -65,10 +66,10 @@ pub struct ReplayArgs {
     #[command(flatten)]
     pub drawing: DrawingArgs,
     /// Show the recorded poses instead of tracking the recorded blobs again.
-    #[arg(long, conflicts_with = "verify")]
+    #[arg(long, conflicts_with = "verify", help_heading = "Tracking")]
     pub as_recorded: bool,
     /// Colour classes of the blobs in a recording of pixels [default: the shipped classes].
-    #[arg(long, value_name = "FILE.toml")]
+    #[arg(long, value_name = "FILE.toml", help_heading = "Tracking")]
     pub colours: Option<PathBuf>,
     /// Changes of a what-if.
     #[command(flatten)]
@@ -98,7 +99,7 @@ pub struct ReplayArgs {
     #[command(flatten)]
     pub force: Force,
     /// Simulator name of the window's renderer [default: replay].
-    #[arg(long, value_name = "NAME", hide_short_help = true)]
+    #[arg(long, value_name = "NAME", hide_short_help = true, help_heading = "Picture")]
     pub instance: Option<String>,
 }
 

@@ -9,6 +9,7 @@ pub const TERMINAL: &str = "terminal";
 /// Arguments of `vitreo results`.
 #[derive(Debug, clap::Args)]
 #[command(args_conflicts_with_subcommands = true)]
+#[command(mut_arg("force", |arg| arg.help_heading("Outputs")))]
 pub struct ResultsArgs {
     /// Sub-command; without one, the results are shown.
     #[command(subcommand)]
@@ -26,13 +27,13 @@ pub struct ResultsArgs {
     #[arg(long, value_name = "N")]
     pub level: Option<u32>,
     /// Plot the learning curve, in the terminal or to a file.
-    #[arg(long, value_name = "FILE.png", num_args = 0..=1, default_missing_value = TERMINAL)]
+    #[arg(long, value_name = "FILE.png", num_args = 0..=1, default_missing_value = TERMINAL, help_heading = "Outputs")]
     pub plot: Option<PathBuf>,
     /// Write all figures as CSV; - is standard output.
-    #[arg(long, value_name = "FILE.csv")]
+    #[arg(long, value_name = "FILE.csv", help_heading = "Outputs")]
     pub csv: Option<PathBuf>,
     /// Write all figures as Parquet.
-    #[arg(long, value_name = "FILE.parquet")]
+    #[arg(long, value_name = "FILE.parquet", help_heading = "Outputs")]
     pub parquet: Option<PathBuf>,
     /// `--force`.
     #[command(flatten)]

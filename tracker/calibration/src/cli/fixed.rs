@@ -2,7 +2,7 @@
 
 use super::checks::NotCompared;
 use super::dots_checks::{self, Source};
-use super::target::{finish_unless, report_of, with_notes};
+use super::target::{finish_unless, fit_timing, report_of, with_notes};
 use super::{OutputArgs, SolveArgs, checks, lists, pair, progress, recorded, short, with_spinner};
 use crate::agreement::{Agreeing, calibrate_agreeing};
 use crate::draws::Draws;
@@ -12,7 +12,7 @@ use crate::halves::HeldOut;
 use crate::known_target::match_dots;
 use crate::lens::LENS;
 use crate::report::Report;
-use crate::rig_output::{rig_with, whole_frames};
+use crate::rig_output::rig_with;
 use crate::target_problem::{Calibrated, Robustness, TargetView};
 use crate::{CalibrationError, dots, point_lists};
 use anyhow::{Context, bail, ensure};
@@ -222,22 +222,6 @@ fn priors(
         }
     }
     Ok(before)
-}
-
-/// Fits the shipped rig to pictures of these sizes, and says that its timing is not that of the cameras.
-fn fit_timing(template: &mut Rig, sizes_px: &[[u32; 2]]) -> String {
-    let timing = match whole_frames(template, sizes_px) {
-        Some(fitted) => {
-            *template = fitted;
-            "whole frames".to_owned()
-        }
-        None => format!("the shipped rig's scan ({}) and timing, with fields", template.scan.name()),
-    };
-    format!(
-        "without --rig, the rig has {timing} at {} Hz: set field_hz, line_ns, exposure_ns, scan and shutter to those of \
-         the cameras",
-        template.field_hz
-    )
 }
 
 /// Inputs of a calibration on dots.

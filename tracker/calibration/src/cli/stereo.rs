@@ -5,7 +5,8 @@ use super::lens_checks::{Determined, determined};
 use super::lists::{doubt_of_size, expect_different};
 use super::recorded::EveryArgs;
 use super::target::{
-    BoardArgs, Views, finish_unless, pass_over_weak, report_of, sift, views_of_pictures, with_notes,
+    BoardArgs, Views, finish_unless, fit_timing, pass_over_weak, report_of, sift, views_of_pictures,
+    with_notes,
 };
 use super::{OutputArgs, SolveArgs, pair, short, with_spinner};
 use crate::exchanged::exchange;
@@ -132,7 +133,7 @@ fn refusals(args: &StereoArgs, before: &Before, found: &Calibrated, views: &View
 /// As [`super::target::intrinsics`]; cameras that share no views.
 pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
     let mut views = if args.points.is_empty() { views_of_pairs(args)? } else { views_of_cameras(args)? };
-    let before = before(args, &views.sizes_px)?;
+    let mut before = before(args, &views.sizes_px)?;
     sift(&mut views);
     let (free, loss) = (args.solve.free(), args.solve.loss);
     let found = with_spinner("least squares", |tell| {
@@ -141,6 +142,9 @@ pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
     let found = found.map_err(|problem| with_notes(problem, &views.notes))?;
     let mut notes = views.notes.clone();
     notes.push("the world is the frame of the first camera".into());
+    if args.rig.is_none() && args.output.output.is_some() {
+        notes.push(fit_timing(&mut before.template, &views.sizes_px));
+    }
     notes.extend(checks::remarks(&found, &views.sheets));
     let mut refused = refusals(args, &before, &found, &views);
     if !matches!(before.lenses, LensMode::Given(_)) {

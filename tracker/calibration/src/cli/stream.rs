@@ -1,19 +1,15 @@
-//! Calibrations that look at a stream of blobs: `waved`, `pivot`, `drift`.
+//! Calibrations that look at a stream of blobs: `pivot`, `drift`; the judgement of a stream.
 
 use super::fields::StreamArgs;
 use super::{OutputArgs, positive, progress, with_spinner};
 use crate::CalibrationError;
-use crate::bundle::PriorSigmas;
 use crate::causes::{Judgement, Verdict, judge};
 use crate::drift_check::{self, DriftCheck};
-use crate::lens::LENS_NAMES;
-use crate::mend::{Mended, mend};
 use crate::observations::{FrameObservations, collect};
 use crate::pivot::{self, Pivot, Shaft};
 use crate::pose_file::{self, Poses};
-use crate::report::{Report, camera_report};
-use crate::self_calibration::{SelfCalibration, fitted, fitted_with, spread};
-use crate::target_problem::{rms, robust_sigma};
+use crate::report::Report;
+use crate::self_calibration::{fitted, fitted_with, spread};
 use anyhow::{Context, ensure};
 use ipc::logging::warn;
 use nalgebra::{Point3, Vector3};
@@ -31,33 +27,10 @@ pub const LIMIT_PX: f64 = 0.05;
 
 /// Cameras expose at different times where the residuals of poses at one instant are so many times those of paths.
 const MOVING: f64 = 2.0;
+/// The verdict on a rig that is wrong although no camera has drifted.
+const NOT_VALID: &str = "the calibration is no longer valid";
 /// A trocar is put nowhere that is less certain than this, mm.
 const DOUBT_MM: f64 = 0.1;
-
-/// Arguments of `vitreo calibrate waved`.
-#[derive(Debug, Clone, clap::Args)]
-pub struct WavedArgs {
-    /// Blob stream (.jsonl), recording or recording of pixels (.mcap).
-    #[arg(value_name = "STREAM")]
-    pub stream: PathBuf,
-    #[command(flatten)]
-    pub from: StreamArgs,
-    /// Standard deviation of the world origin's position relative to each camera, mm.
-    #[arg(long, value_name = "MM", default_value = "0.02", value_parser = positive, allow_negative_numbers = true, help_heading = "Prior knowledge of the rig")]
-    pub camera_mm: f64,
-    /// Standard deviation of the world's orientation relative to each camera, mrad.
-    #[arg(long, value_name = "MRAD", default_value = "0.3", value_parser = positive, allow_negative_numbers = true, help_heading = "Prior knowledge of the rig")]
-    pub camera_mrad: f64,
-    /// Standard deviation of the markers' positions, mm.
-    #[arg(long, value_name = "MM", default_value = "0.005", value_parser = positive, allow_negative_numbers = true, help_heading = "Prior knowledge of the rig")]
-    pub marker_mm: f64,
-    /// Refine the lenses too. Standard deviation of focal lengths and principal point, and of the shift by distortion
-    /// at the corners of the picture, px.
-    #[arg(long, value_name = "PX", value_parser = positive, allow_negative_numbers = true, help_heading = "Prior knowledge of the rig")]
-    pub lens_px: Option<f64>,
-    #[command(flatten)]
-    pub output: OutputArgs,
-}
 
 /// Arguments of `vitreo calibrate pivot`.
 #[derive(Debug, Clone, clap::Args)]
@@ -92,38 +65,6 @@ pub struct DriftArgs {
     pub output: OutputArgs,
 }
 
-/// Runs `vitreo calibrate waved`.
-///
-/// # Errors
-/// A stream or rig that cannot be read, too few usable instants, or a problem without a solution.
-pub fn waved(args: &WavedArgs) -> anyhow::Result<ExitCode> {
-    let (rig, fields) = args.from.fields(&args.stream)?;
-    let known = PriorSigmas {
-        camera_mm: args.camera_mm,
-        camera_rad: args.camera_mrad * 1e-3,
-        marker_mm: args.marker_mm,
-        lens_px: args.lens_px.unwrap_or(0.0),
-    };
-    let most = args.from.instants;
-    let judgement = judged(&rig, &fields);
-    let mended =
-        with_spinner("bundle adjustment", |tell| mend(&rig, &fields, &known, &judgement, most, tell))?;
-    let (found, held_out_px) = match mended {
-        Mended::Better { found, held_out_px } => (found, held_out_px),
-        Mended::Nothing(why) => return nothing_written(&args.output, "waved", &judgement, &why),
-    };
-    let refined = found.bundle.rig(&rig);
-    let mut report = waved_report(&rig, &found, !judgement.holds);
-    report.notes.push(judgement.text());
-    let [before, after] = held_out_px;
-    report.figure("residual of held-out instants, before", before, "px");
-    report.figure("residual of held-out instants, after", after, "px");
-    args.output.print(&report, &found.bundle.cameras, &found.residuals)?;
-    // Checked as when it is read: a refined rig must be one.
-    args.output.write(&Rig::parse(&refined.to_json(), "of the calibration")?.to_json())?;
-    Ok(ExitCode::SUCCESS)
-}
-
 /// Judges a stream, with a bar.
 pub fn judged(rig: &Rig, fields: &[BlobField]) -> Judgement {
     let bar = progress("causes", None);
@@ -148,79 +89,29 @@ fn judged_enough(stream: &Path, rig: &Rig, fields: &[BlobField]) -> anyhow::Resu
     Ok(judgement)
 }
 
-/// Says that nothing was written, and why; the launcher's code for a verification that found a difference.
-fn nothing_written(
+/// Reports that nothing was written, and why; the launcher's code for a verification that found a difference.
+pub(super) fn nothing_written(
     output: &OutputArgs,
     task: &'static str,
     judgement: &Judgement,
     why: &str,
 ) -> anyhow::Result<ExitCode> {
-    no_rig(output, task, judgement, &format!("nothing was written: {why}"))
+    let refusal = format!("nothing was written: {why}");
+    print_verdict(output, task, judgement, &refusal)?;
+    // Also where the report goes into a file.
+    warn(&refusal);
+    Ok(ExitCode::from(DIFFERS))
 }
 
-/// The same of a command that never writes a rig.
-fn no_rig(
+/// Prints a report that holds the judgement of a stream and a verdict alone.
+fn print_verdict(
     output: &OutputArgs,
     task: &'static str,
     judgement: &Judgement,
     verdict: &str,
-) -> anyhow::Result<ExitCode> {
-    let mut report = Report { task, ..Report::default() };
-    report.notes.push(judgement.text());
-    report.notes.push(verdict.into());
-    output.print(&report, &[], &[])?;
-    warn(verdict);
-    Ok(ExitCode::from(DIFFERS))
-}
-
-/// Notes on a refined rig.
-pub fn waved_report(rig: &Rig, found: &SelfCalibration, drifted: bool) -> Report {
-    let cameras = found.bundle.cameras.iter().zip(&found.sigmas).enumerate();
-    let mut report = Report {
-        task: "waved",
-        rms_px: rms(found.residuals.iter().copied()),
-        sigma_px: robust_sigma(&found.residuals),
-        iterations: found.iterations,
-        cameras: cameras.map(|(i, (camera, s))| camera_report(camera, s, &found.residuals, i)).collect(),
-        ..Report::default()
-    };
-    report.figure("instants", found.bundle.poses.len() as f64, "");
-    report.figure("rms of residuals before", rms(found.before.iter().copied()), "px");
-    report.figure("rms of residuals after", report.rms_px, "px");
-    report.figure("cost per degree of freedom (1: as blobs vary)", found.reduced_cost, "");
-    for (camera, (shift, sigma)) in rig.cameras.iter().zip(&found.shifts_px) {
-        report.uncertain(format!("camera {}: its image has moved by", camera.id), [*shift, *sigma], "px");
-    }
-    for (body, name) in BODY_NAMES.iter().enumerate() {
-        let old = rig.body(name).map(|b| b.markers.as_slice()).unwrap_or_default();
-        let moved = found.bundle.markers[body].iter().zip(old);
-        let squares: Vec<f64> =
-            moved.map(|(m, o)| (m.position.coords - Vector3::from(o.p)).norm_squared()).collect();
-        let mean = squares.iter().sum::<f64>() / squares.len().max(1) as f64;
-        report.figure(format!("markers of {name} have moved by (rms)"), mean.sqrt() * 1e3, "µm");
-    }
-    report.notes.push(
-        "gauge: the world's origin is the eye's centre; turned as a whole, and where markers of a body move \
-         together, the rig stays at the mean of what it was"
-            .into(),
-    );
-    if !found.weakly_observed.is_empty() {
-        report.notes.push(format!("weakly determined by the stream: {}", found.weakly_observed.join(", ")));
-    }
-    for (c, camera) in rig.cameras.iter().enumerate() {
-        let own = found.held.iter().filter(|(of, _)| *of == c);
-        let terms: Vec<&str> = own.map(|&(_, term)| LENS_NAMES[term]).collect();
-        if !terms.is_empty() {
-            let (id, terms) = (camera.id, terms.join(", "));
-            report
-                .notes
-                .push(format!("camera {id}: the stream does not determine {terms}: kept as in the rig"));
-        }
-    }
-    if !drifted {
-        report.notes.push("the residuals show no drift: the rig as given is as good".into());
-    }
-    report
+) -> anyhow::Result<()> {
+    let notes = vec![judgement.text(), verdict.into()];
+    output.print(&Report { task, notes, ..Report::default() }, &[], &[])
 }
 
 /// Runs `vitreo calibrate drift`; exit code 5 if a camera has drifted.
@@ -234,7 +125,8 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<ExitCode> {
     let found = match drift_check::check(&rig, &seen, args.limit_px) {
         Ok(found) => found,
         Err(_) if !judgement.holds => {
-            return no_rig(&args.output, "drift", &judgement, "the calibration is no longer valid");
+            print_verdict(&args.output, "drift", &judgement, NOT_VALID)?;
+            return Ok(ExitCode::from(DIFFERS));
         }
         Err(problem) => return Err(problem.into()),
     };
@@ -253,9 +145,6 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<ExitCode> {
     }
     // The launcher's code for a verification that found a difference.
     let holds = !found.drifted() && judgement.holds;
-    if !judgement.holds {
-        warn(&judgement.text());
-    }
     Ok(if holds { ExitCode::SUCCESS } else { ExitCode::from(DIFFERS) })
 }
 
@@ -284,7 +173,7 @@ pub fn drift_report(rig: &Rig, found: &DriftCheck, limit_px: f64, judgement: &Ju
     let verdict = match (found.drifted(), judgement.holds) {
         (false, true) => "the calibration is still valid",
         (true, _) => "the rig has drifted",
-        (false, false) => "the calibration is no longer valid",
+        (false, false) => NOT_VALID,
     };
     report.notes.push(verdict.into());
     report.notes.push(judgement.text());

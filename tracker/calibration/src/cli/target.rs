@@ -10,7 +10,7 @@ use crate::grey_image::GreyImage;
 use crate::halves::HeldOut;
 use crate::linear::plane_of;
 use crate::report::{Report, camera_report, view_reports};
-use crate::rig_output::{rig_camera, rig_with_lens};
+use crate::rig_output::{rig_camera, rig_with_lens, whole_frames};
 use crate::target_problem::{Calibrated, FreeParameters, TargetView, calibrate_lens, lens_of_views};
 use crate::{point_lists, repeats, wrong_points};
 use anyhow::{Context, bail, ensure};
@@ -289,6 +289,23 @@ pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
     let mut report = report_of("intrinsics", &found, &sheets, notes);
     checks::add_doubts(&found, &mut report);
     finish_unless(weak, &args.output, report, &found, held_out, || Ok(json))
+}
+
+/// Fits the shipped rig to pictures of these sizes, if no rig is given; returns a note on what the result has from it: its
+/// timing is not that of the cameras.
+pub(super) fn fit_timing(template: &mut Rig, sizes_px: &[[u32; 2]]) -> String {
+    let timing = match whole_frames(template, sizes_px) {
+        Some(fitted) => {
+            *template = fitted;
+            "whole frames".to_owned()
+        }
+        None => format!("the shipped rig's scan ({}) and timing, with fields", template.scan.name()),
+    };
+    format!(
+        "without --rig, the rig has {timing} at {} Hz: set field_hz, line_ns, exposure_ns, scan and shutter to those of \
+         the cameras; its bodies, trocars and workspace are those of the shipped rig",
+        template.field_hz
+    )
 }
 
 /// Prints the report and writes the result, unless there are `refusals` or the rig as it was predicts held-out points
