@@ -19,11 +19,13 @@ mod lenses;
 mod measure;
 mod places;
 mod progressive;
+mod refit;
 mod remedy;
 mod rest;
 mod search;
 pub mod together;
 mod trial;
+mod verified;
 mod work;
 
 pub use catalogue::Cause;

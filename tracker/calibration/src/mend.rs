@@ -37,7 +37,7 @@ pub enum Mended {
 }
 
 /// What a cause has moved; `None` where waved instruments cannot mend it.
-fn parts(rig: &Rig, cause: &Cause) -> Option<Vec<Part>> {
+pub(crate) fn parts(rig: &Rig, cause: &Cause) -> Option<Vec<Part>> {
     let camera = |id: u32| rig.cameras.iter().position(|c| c.id == id).map(Part::Camera);
     match cause {
         Cause::CameraMoved { camera: id, .. } => Some(vec![camera(*id)?]),

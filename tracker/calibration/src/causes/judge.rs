@@ -6,7 +6,7 @@ use super::measure::{CAP_PX, Left, SLICE_NS, START_NS, measure};
 use super::together::Together;
 use super::trial::{hypotheses, try_all};
 use super::work::Work;
-use super::{Cause, later, lenses, progressive, rest, together};
+use super::{Cause, later, lenses, progressive, rest, together, verified};
 use protocol::blobs::BlobField;
 use protocol::time::Nanos;
 use rig::Rig;
@@ -14,14 +14,13 @@ use std::mem::discriminant;
 
 /// Length of the stretch that is judged, ns.
 const STRETCH_NS: u64 = 3_000_000_000;
-/// A rig that holds leaves less in the blobs that measured poses, px.
-const HOLDS_PX: f64 = 0.2;
-/// Share of the blobs that measure poses where a rig holds.
-const HOLDS_SHARE: f64 = 0.85;
-/// The same where no remedy makes it larger, with false blobs in every field and an instrument out of the eye.
-const TRACKED_SHARE: f64 = 0.6;
+/// Share of the blobs that measure poses where a rig holds, and what they leave at most, px.
+const HOLDS: (f64, f64) = (0.85, 0.2);
+/// The same where no remedy makes the share larger, with false blobs in every field and an instrument out of the eye. A few
+/// of these are taken for a marker's for some fields, so that more is left.
+pub const FOLLOWED: (f64, f64) = (0.6, 0.25);
 /// A remedy explains as much as the best where it takes away this share of what the best does.
-const ALIKE: f64 = 0.93;
+pub const ALIKE: f64 = 0.93;
 /// Least of the mean square that a remedy takes away, px², and share of it: less is no explanation.
 const LEAST: (f64, f64) = (0.01, 0.25);
 /// A defect has begun where the mean square is this many times that of before, and that more, px².
@@ -121,7 +120,7 @@ fn judge_later(
         }
         let judgement = judge_from(rig, fields, [begin, from], work, go_on);
         // Bodies that are put away are no error of the rig.
-        let is_put_away = || leaves_little(&measure(rig, &part), TRACKED_SHARE);
+        let is_put_away = || measure(rig, &part).is_less(FOLLOWED);
         match judgement.verdict {
             Verdict::Explained => Some((from, judgement)),
             Verdict::Unknown | Verdict::Stopped if !is_put_away() => Some((from, judgement)),
@@ -165,9 +164,9 @@ fn dated(
 /// True for a stretch that leaves noise, as the first one did.
 fn is_like(rig: &Rig, part: &[BlobField], first: &Judgement) -> bool {
     let left = measure(rig, part);
-    let share = (1.0 - first.unexplained - LIKE).min(HOLDS_SHARE);
+    let share = (1.0 - first.unexplained - LIKE).min(HOLDS.0);
     left.all.count < FEWEST
-        || leaves_little(&left, share)
+        || left.is_less((share, HOLDS.1))
             && together::estimate(rig, part).is_ok_and(|t| t.above.is_noise())
             && !hides_an_error(rig, part)
 }
@@ -197,9 +196,9 @@ fn judge_from(
     }
     // Small errors: everything at once, without tracking again for each.
     let together = estimated(rig, fields, &stretch, from);
-    if let Some(lens) = together.as_ref().and_then(|found| lenses::explain(rig, &stretch, found)) {
+    if let Some(by) = together.as_ref().and_then(|found| beside_places(rig, &stretch, found)) {
         judgement.tried = rig.cameras.len() + together.map_or(0, |found| found.tried);
-        return explained(judgement, lens);
+        return explained(judgement, by);
     }
     if let Some(found) = together.as_ref().filter(|found| found.mends(rig, &stretch)) {
         take(found, &mut judgement);
@@ -210,6 +209,20 @@ fn judge_from(
     }
     search(rig, &stretch, (&before, together), work, &mut judgement, go_on);
     judgement
+}
+
+/// What explains a stretch and is no small change of places, or none of places at all: what is estimated together takes up
+/// much of it.
+fn beside_places(rig: &Rig, stretch: &[BlobField], found: &Together) -> Option<Explanation> {
+    if found.above.is_noise() {
+        return None;
+    }
+    let mends = found.mends_all_but(1.0 - FOLLOWED.0, rig, stretch);
+    let two_cameras = || verified::two_cameras(rig, stretch, found).map(of_markers);
+    let scale = || verified::scale(rig, stretch).map(of_markers);
+    (if mends { None } else { two_cameras() })
+        .or_else(|| lenses::explain(rig, stretch, found, mends))
+        .or_else(|| if found.names_no_part() { scale() } else { None })
 }
 
 /// What is estimated together from a stretch.
@@ -274,23 +287,25 @@ fn search(
     let found = try_all(rig, fields, &hypotheses, go_on);
     let was_stopped = found.is_none();
     judgement.tried += if was_stopped { 0 } else { hypotheses.len() };
-    let singles = found.map_or_else(Vec::new, |found| alike(before, found));
-    judgement.explanations = rest::complete(rig, fields, singles);
+    let found = found.unwrap_or_default();
+    let noise = together
+        .as_ref()
+        .filter(|t| t.above.is_noise() && before.is_less(FOLLOWED) && !hides_an_error(rig, fields));
     // No one cause makes a rig hold where reflections are many: what they leave out is judged by the rest.
-    if let Some(found) = together.as_ref().filter(|t| {
-        judgement.explanations.is_empty()
-            && !was_stopped
-            && !t.above.is_noise()
-            && t.mends_all_but(1.0 - TRACKED_SHARE, rig, stretch)
-    }) {
+    let rest = together
+        .as_ref()
+        .filter(|t| !was_stopped && !t.above.is_noise() && t.mends_all_but(1.0 - FOLLOWED.0, rig, stretch));
+    let mut singles = alike(before, found.clone());
+    if singles.is_empty() && noise.is_none() && rest.is_none_or(Together::names_no_part) {
+        singles = in_order(verified::singles(rig, fields, before, found), of_markers);
+    }
+    judgement.explanations = rest::complete(rig, fields, singles);
+    if let Some(found) = rest.filter(|_| judgement.explanations.is_empty()) {
         let tried = judgement.tried;
         take(found, judgement);
         judgement.tried += tried;
         return;
     }
-    let noise = together.filter(|t| {
-        t.above.is_noise() && leaves_little(before, TRACKED_SHARE) && !hides_an_error(rig, fields)
-    });
     judgement.holds = judgement.explanations.is_empty() && noise.is_some();
     judgement.above_px = noise.filter(|_| judgement.holds).map_or(judgement.above_px, |t| t.above.px);
     judgement.verdict = match (judgement.explanations.is_empty(), judgement.holds, was_stopped) {
@@ -309,12 +324,7 @@ fn stretch(fields: &[BlobField], from: Nanos) -> Vec<BlobField> {
 
 /// True where what is left is noise.
 fn holds(left: &Left) -> bool {
-    leaves_little(left, HOLDS_SHARE)
-}
-
-/// True where more than this share of the blobs measured poses, and left little.
-fn leaves_little(left: &Left, share: f64) -> bool {
-    left.explained_share() > share && left.explained.rms().is_some_and(|px| px < HOLDS_PX)
+    left.is_less(HOLDS)
 }
 
 /// The begin of the later slices where they are worse than those before: the split of all slices into two
@@ -354,8 +364,15 @@ fn alike(before: &Left, found: Vec<(Cause, Left)>) -> Vec<Explanation> {
     if best < least {
         return Vec::new();
     }
-    let mut named: Vec<(Cause, Left)> =
-        found.into_iter().filter(|(_, left)| holds(left) && taken(left) >= ALIKE * best).collect();
+    let named = found.into_iter().filter(|(_, left)| holds(left) && taken(left) >= ALIKE * best);
+    in_order(named.collect(), explanation)
+}
+
+/// Those with the fewest parameters first.
+fn in_order(
+    mut named: Vec<(Cause, Left)>,
+    explanation: impl Fn((Cause, Left)) -> Explanation,
+) -> Vec<Explanation> {
     named.sort_by(|a, b| {
         a.0.parameters().cmp(&b.0.parameters()).then_with(|| a.1.mean().total_cmp(&b.1.mean()))
     });
@@ -364,6 +381,12 @@ fn alike(before: &Left, found: Vec<(Cause, Left)>) -> Vec<Explanation> {
 
 fn explanation((cause, left): (Cause, Left)) -> Explanation {
     Explanation { cause, left_px: left.all.rms().unwrap_or(0.0), blobs: left.all.count }
+}
+
+/// The same by the blobs that measured poses, where many others belong to no marker.
+fn of_markers((cause, left): (Cause, Left)) -> Explanation {
+    let used = left.explained;
+    Explanation { cause, left_px: used.rms().unwrap_or(0.0), blobs: used.count }
 }
 
 #[cfg(test)]

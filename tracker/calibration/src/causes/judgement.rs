@@ -15,7 +15,8 @@ pub struct Explanation {
     /// The cause.
     #[serde(flatten)]
     pub cause: Cause,
-    /// Root mean square of what is left in the pictures with its remedy, px.
+    /// Root mean square of what is left in the pictures with its remedy, px; of the blobs that measure poses, where many
+    /// others belong to no marker.
     pub left_px: f64,
     /// Blobs by which it was judged.
     pub blobs: u64,

@@ -48,7 +48,7 @@ pub fn since(
 }
 
 /// The rig without a cause; `None` where it cannot be had from the cause alone.
-fn mended(rig: &Rig, fields: &[BlobField], cause: &Cause) -> Option<Rig> {
+pub fn mended(rig: &Rig, fields: &[BlobField], cause: &Cause) -> Option<Rig> {
     match cause {
         Cause::CameraMoved { .. } | Cause::MarkerMoved { .. } => places::moved(rig, fields, cause),
         Cause::CamerasMoved { .. } | Cause::Drifted | Cause::Scale { .. } | Cause::Lens { .. } => None,

@@ -8,11 +8,12 @@
 use super::Cause;
 use super::judgement::Explanation;
 use super::measure::measure;
-use super::together::{self, MOST, Together};
-use crate::bundle::{FIXED_RIG, Freedom, Part, PriorSigmas};
-use crate::lens::{DISTORTION, LENS, lens_of};
-use crate::observations::{FrameObservations, collect};
-use crate::self_calibration::{SelfCalibration, refine_moving, spread};
+use super::refit::{fit, mended};
+use super::together::Together;
+use crate::bundle::{Part, PriorSigmas};
+use crate::lens::{DISTORTION, lens_of};
+use crate::observations::collect;
+use crate::self_calibration::spread;
 use protocol::blobs::BlobField;
 use rig::Rig;
 use rig::camera::Camera;
@@ -22,10 +23,6 @@ use rig::camera::Camera;
 const WIDE: PriorSigmas = PriorSigmas { camera_mm: 3.0, camera_rad: 0.02, marker_mm: 0.0, lens_px: 30.0 };
 /// Instants that show which lens it may be.
 const FEW: usize = 60;
-/// Rounds of tracking with what was found, until all blobs are followed, and estimating again.
-const ROUNDS: usize = 2;
-/// Deweighting of blobs at first: residuals come from the rig.
-const ROUGH: f64 = 5.0;
 /// Noise of blobs over what their covariances say, above which nothing was estimated.
 const NOISE: f64 = 3.0;
 /// A lens may leave so many times the noise that is left where everything else is free.
@@ -33,26 +30,28 @@ const ALIKE: f64 = 1.15;
 /// A place leaves more than a lens does where its noise is so many times larger.
 const CLEARLY: f64 = 1.02;
 
-/// The lens that explains a stretch; `None` where something simpler does, or no lens.
-pub fn explain(rig: &Rig, fields: &[BlobField], found: &Together) -> Option<Explanation> {
-    if !is_suspected(rig, fields, found) {
+/// The lens that explains a stretch; `None` where something simpler does, or no lens. `mends`: the tracker follows the rig
+/// with everything mended that was found.
+pub fn explain(rig: &Rig, fields: &[BlobField], found: &Together, mends: bool) -> Option<Explanation> {
+    if !is_suspected(found, mends) {
         return None;
     }
     let instants = collect(&found.found.bundle.rig(rig), fields);
     let few = spread(instants, FEW);
-    let noise = |c: usize| fit(rig, &few, c, &WIDE).map_or(f64::INFINITY, |f| f.shared.noise);
+    let noise =
+        |c: usize| fit(rig, &few, &[Part::Camera(c)], &WIDE).map_or(f64::INFINITY, |f| f.shared.noise);
     let (c, least) = (0..rig.cameras.len()).map(|c| (c, noise(c))).min_by(|a, b| a.1.total_cmp(&b.1))?;
     if least > ALIKE * found.noise {
         return None;
     }
-    let (lens, rest) = mended(rig, fields, c, &WIDE, found)?;
+    let (lens, rest) = mended(rig, fields, &[Part::Camera(c)], &WIDE, found)?;
     let with_lens = lens.bundle.rig(rig);
     if !rest.above.is_noise() || !rest.mends(&with_lens, fields) {
         return None;
     }
     // A camera that was moved far leaves more than its own noise only because its turn is no small one.
     let place = PriorSigmas { lens_px: 0.0, ..WIDE };
-    if let Some((_, of_place)) = mended(rig, fields, c, &place, found)
+    if let Some((_, of_place)) = mended(rig, fields, &[Part::Camera(c)], &place, found)
         && of_place.above.is_noise()
         && of_place.noise < CLEARLY * rest.noise
     {
@@ -65,46 +64,12 @@ pub fn explain(rig: &Rig, fields: &[BlobField], found: &Together) -> Option<Expl
 
 /// True where places of cameras and markers explain what is left, and only several of them together; or one alone, while
 /// the tracker does not follow the rig that they mend: a place explains what is followed, which is what fits it.
-fn is_suspected(rig: &Rig, fields: &[BlobField], found: &Together) -> bool {
+fn is_suspected(found: &Together, mends: bool) -> bool {
     let is_all = |cause: &Cause| *cause == Cause::Drifted;
     let simpler = found.explained.iter().any(|(cause, rest)| !is_all(cause) && rest.is_noise());
     let all = found.best.as_ref().is_some_and(|(cause, rest)| is_all(cause) && rest.is_noise());
     let is_possible = !found.above.is_noise() && all && found.noise < NOISE;
-    is_possible && (!simpler || !found.mends(rig, fields))
-}
-
-/// The rig with a camera's place and lens where they leave least; all else stays.
-fn fit(rig: &Rig, instants: &[FrameObservations], c: usize, wide: &PriorSigmas) -> Option<SelfCalibration> {
-    let free = Freedom {
-        known: FIXED_RIG,
-        elsewhere: vec![Part::Camera(c)],
-        wide: *wide,
-        aside: 1.0,
-        near_enough: together::NEAR,
-        // The higher terms are uncertain beside the first one, and their errors much like it.
-        held: (DISTORTION + 1..LENS).map(|term| (c, term)).collect(),
-        ..Freedom::default()
-    };
-    refine_moving(rig, instants.to_vec(), MOST, &free, ROUGH).ok()
-}
-
-/// The same from what is tracked with it, and what is wrong beside it.
-fn mended(
-    rig: &Rig,
-    fields: &[BlobField],
-    c: usize,
-    wide: &PriorSigmas,
-    found: &Together,
-) -> Option<(SelfCalibration, Together)> {
-    let mut by = found.found.bundle.rig(rig);
-    let mut last = None;
-    for _ in 0..ROUNDS {
-        let next = fit(rig, &collect(&by, fields), c, wide)?;
-        by = next.bundle.rig(rig);
-        last = Some(next);
-    }
-    let rest = together::estimate(&by, fields).ok()?;
-    last.map(|last| (last, rest))
+    is_possible && (!simpler || !mends)
 }
 
 /// How a lens is in truth against the rig's.

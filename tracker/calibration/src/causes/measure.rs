@@ -55,6 +55,11 @@ impl Left {
         self.explained.count as f64 / self.all.count.max(1) as f64
     }
 
+    /// True where more than this share of the blobs measured poses, and left less than this, px.
+    pub fn is_less(&self, (share, px): (f64, f64)) -> bool {
+        self.explained_share() > share && self.explained.rms().is_some_and(|rms| rms < px)
+    }
+
     /// Mean square of all, px²; the largest of nothing.
     pub fn mean(&self) -> f64 {
         self.all.rms().map_or(CAP_PX * CAP_PX, |rms| rms * rms)

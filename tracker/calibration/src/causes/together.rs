@@ -156,6 +156,11 @@ impl Together {
         follows && !hides_an_error(&bundle.rig(rig), &undone)
     }
 
+    /// True where nothing less than all cameras and markers explains the stretch.
+    pub fn names_no_part(&self) -> bool {
+        !self.above.is_noise() && self.explained.iter().all(|(cause, _)| *cause == Cause::Drifted)
+    }
+
     /// True where more than noise remains of what is explained, little as it is beside what there was.
     pub fn leaves_more(&self) -> bool {
         self.explained.iter().any(|(_, rest)| !rest.is_noise())

@@ -10,14 +10,17 @@ use protocol::poses::BODY_NAMES;
 use rig::Rig;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-/// Length of the part by which most causes are tried first, ns, and the share of the mean square that must be left at
-/// most for a second try.
+/// Length of the part by which most causes are tried first, ns, and what a remedy must take away from its mean square for
+/// a second try: a share, or so much, px², if that is less.
 pub const PART_NS: u64 = 800_000_000;
-const MUCH: f64 = 0.9;
+const LEAST_SHARE: f64 = 0.1;
+const LEAST_PX2: f64 = 0.04;
 /// Shifts of time stamps that are tried first, ms.
 pub const SHIFTS_MS: [f64; 9] = [-16.0, -10.0, -5.0, -2.0, 0.0, 2.0, 5.0, 10.0, 16.0];
 /// Scales that are tried first: from, to, step. Bodies are tracked well only where a scale is right to half a per cent.
 const SCALES: (f64, f64, f64) = (0.92, 1.08, 0.005);
+/// A scale that differs by less from the rig's is found with everything else, without tracking again.
+const OTHER_SCALE: f64 = 0.004;
 
 /// Something to try.
 #[derive(Debug, Clone)]
@@ -67,9 +70,11 @@ impl<'a> Stretch<'a> {
         Stretch { rig, fields, part, part_left_px2 }
     }
 
-    /// True where a remedy helps the part. Most are far from it, and a part says so in less time.
+    /// True where a remedy helps the part. Most are far from it, and a part says so in less time. Where a large share of
+    /// the blobs is no marker's, what a remedy takes away is a smaller share of what there is.
     fn helps(&self, rig: &Rig, part: &[BlobField]) -> bool {
-        measure(rig, part).mean() < MUCH * self.part_left_px2
+        let least = (LEAST_SHARE * self.part_left_px2).min(LEAST_PX2);
+        measure(rig, part).mean() < self.part_left_px2 - least
     }
 
     /// What the remedy of a hypothesis leaves, with its size; `None` where it has none there.
@@ -111,6 +116,14 @@ impl<'a> Stretch<'a> {
         let scale = least(&[near - step, near, near + step], |factor| cost(factor, self.fields).all.rms());
         scale.map(|(factor, _)| (Cause::Scale { camera: None, factor }, cost(factor, self.fields)))
     }
+}
+
+/// The scale that leaves least, with what it leaves; `None` where the rig's own is as good as any.
+pub fn scale(rig: &Rig, fields: &[BlobField]) -> Option<(Cause, Left)> {
+    let (cause, left) = Stretch::new(rig, fields).scale()?;
+    let is_another =
+        |cause: &Cause| matches!(cause, Cause::Scale { factor, .. } if (factor - 1.0).abs() > OTHER_SCALE);
+    is_another(&cause).then_some((cause, left))
 }
 
 /// Tries every remedy on a stretch, several at a time; what came of them, in the order of the hypotheses, or `None`
