@@ -21,6 +21,7 @@ use crate::target_problem::robust_sigma;
 use nalgebra::{DMatrix, DVector};
 use protocol::blobs::{BlobField, WHOLE_FRAME};
 use rig::Rig;
+use std::f64::consts::SQRT_2;
 
 /// How far everything is free: a knocked camera, a bent marker.
 pub const WIDE: PriorSigmas = PriorSigmas { camera_mm: 0.3, camera_rad: 4e-3, marker_mm: 0.3, lens_px: 0.0 };
@@ -78,6 +79,8 @@ pub struct Together {
     pub found: SelfCalibration,
     /// Noise of the blobs over what their covariances say, when all is mended.
     pub noise: f64,
+    /// The same of one coordinate, px.
+    pub sigma_px: f64,
     /// By how much the rig as it is lies above the noise: χ², and its root mean square over all blobs, px.
     pub above: Above,
     /// What explains it alike, by what remains then.
@@ -169,7 +172,9 @@ impl Together {
     /// What explains the stretch, judged by so many blobs.
     pub fn explanations(&self, blobs: u64) -> Vec<Explanation> {
         let all = self.explained.iter();
-        all.map(|(cause, rest)| Explanation { cause: cause.clone(), left_px: rest.px, blobs }).collect()
+        // Of both coordinates: what the cause does not explain, and the noise.
+        let left_px = |rest: &Above| SQRT_2 * rest.px.hypot(self.sigma_px);
+        all.map(|(cause, rest)| Explanation { cause: cause.clone(), left_px: left_px(rest), blobs }).collect()
     }
 }
 
@@ -198,7 +203,8 @@ fn judged(rig: &Rig, found: SelfCalibration) -> Together {
     let best = all.first().map(|(_, cause, rest)| (cause.clone(), *rest));
     let explained = minimal(&above, &all);
     let tried = hypotheses.len();
-    Together { noise: found.shared.noise, above, explained, best, tried, found }
+    let (noise, sigma_px) = (found.shared.noise, quadratic.rms_px);
+    Together { noise, sigma_px, above, explained, best, tried, found }
 }
 
 /// The minimal sets of parameters that explain what is above the noise, as well as the best or nearly so.
