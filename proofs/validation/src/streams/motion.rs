@@ -84,7 +84,7 @@ impl Held {
     pub fn of_pose(pose: &Isometry3<f64>, trocar: &Vector3<f64>) -> Self {
         let tip = pose.translation.vector;
         let z = pose.rotation * Vector3::z();
-        // Where the tip is out of the eye, any point of the shaft tells its direction.
+        // Where the tip is out of the eye, any point of the shaft gives its direction.
         let depth = z.dot(&(trocar - tip)).max(AT_TROCAR_MM);
         let x = (Vector3::x() - z * z.x).normalize();
         let side = pose.rotation * Vector3::x();
