@@ -123,7 +123,7 @@ fn ground(shown: &[Shown]) -> u8 {
 pub fn proposed(rig: &Rig, shown: &[Shown]) -> Result<(ColourFile, Record)> {
     let ground = ground(shown);
     refuse(Vec::from_iter((ground > BRIGHTEST_GROUND).then(|| {
-        format!("the ground is too bright (luma {ground}, at most {BRIGHTEST_GROUND}): cover what is behind the markers with black, or shorten the exposure")
+        format!("the background is too bright (luma {ground}, at most {BRIGHTEST_GROUND}): cover what is behind the markers with black, or shorten the exposure")
     })))?;
     let shipped = ColourFile::load_or_shipped(None)?;
     let least = ground.max(shipped.black).saturating_add(shipped.low);
@@ -233,9 +233,7 @@ fn describe(file: &ColourFile, chosen: &[(Colour, &Heap)], record: &mut Record) 
             ),
         );
         if chroma < PALE {
-            record
-                .advice
-                .push(format!("{name} is pale (chroma {chroma:.0}): give it more, and whiter, light"));
+            record.advice.push(format!("{name} is pale (chroma {chroma:.0}): use brighter, whiter light"));
         }
         for other in &classes[i + 1..] {
             let apart = apart_deg(hue, hue_deg(&other.reference));

@@ -103,7 +103,7 @@ fn of_camera(rig: &Rig, seen: &Seen, free: [bool; LENS]) -> Result<Lens> {
     };
     let tilt = |problem: &dyn std::fmt::Display| {
         Refused(vec![format!(
-            "camera {id}: the pictures do not fix its lens ({problem}): tilt the board by 20° to 45°, to another side in \
+            "camera {id}: the pictures do not determine its lens ({problem}): tilt the board by 20° to 45°, to another side in \
              each picture"
         )])
     };
@@ -119,7 +119,7 @@ fn of_camera(rig: &Rig, seen: &Seen, free: [bool; LENS]) -> Result<Lens> {
     let [fx, fy, ..] = lens_of(&fit.scene.cameras[0]);
     let doubt = (fit.sigmas[0][0] / fx).abs().max((fit.sigmas[0][1] / fy).abs());
     if !doubt.is_finite() || doubt > LARGEST_DOUBT {
-        return Err(tilt(&format!("its focal length is known to {:.1} % only", 100.0 * doubt)).into());
+        return Err(tilt(&format!("the uncertainty of its focal length is {:.1} %", 100.0 * doubt)).into());
     }
     let before: Camera = rig.cameras[seen.index].model();
     let (learn, judge) = (alone(&half(&seen.sheets, false)), alone(&half(&seen.sheets, true)));

@@ -118,7 +118,9 @@ fn uncertain(of_body: &[Vec<Shaft>]) -> Vec<String> {
     known
         .map(|(found, name)| (found.sigma_mm.norm(), name))
         .filter(|(mm, _)| *mm > SHOULD_MM)
-        .map(|(mm, name)| format!("{name}: its trocar is known to {mm:.2} mm: tilt it farther, for a minute"))
+        .map(|(mm, name)| {
+            format!("{name}: the uncertainty of its trocar is {mm:.2} mm: tilt it farther, for a minute")
+        })
         .collect()
 }
 
@@ -136,7 +138,7 @@ fn loose(of_body: &[Vec<Shaft>]) -> Vec<String> {
     all.filter(|(found, _)| found.play_mm > LARGEST_PLAY_MM)
         .map(|(found, name)| {
             format!(
-                "{name}: its shaft passes its trocar with a play of {:.2} mm, at most {LARGEST_PLAY_MM} are taken: was it \
+                "{name}: its shaft passes its trocar with a play of {:.2} mm, the maximum is {LARGEST_PLAY_MM} mm: was it \
                  in the trocar all the time? Do poses again where residuals are large",
                 found.play_mm
             )

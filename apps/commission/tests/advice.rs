@@ -121,7 +121,7 @@ fn markers_of_two_colours_that_are_too_near_are_named() {
     write_markers(&rig, &pictures, 100, |[y, _, _]| [y, 128, 128]);
     refused(folder.path(), &args, 1, &["red: no picture shows a marker of this colour", "with more light"]);
     write_markers(&rig, &pictures, 100, |[y, cb, cr]| [y.max(120), cb, cr]);
-    refused(folder.path(), &args, 1, &["the ground is too bright (luma 120", "cover what is behind"]);
+    refused(folder.path(), &args, 1, &["the background is too bright (luma 120", "cover what is behind"]);
     std::fs::write(pictures.join("cam0-0200.png"), "no picture").unwrap();
     refused(folder.path(), &args, 1, &["cam0-0200.png"]);
 }

@@ -88,8 +88,7 @@ fn a_wrong_lens_is_refused_with_its_name() {
     let done = bench.poses("lens", &wrong);
     assert_eq!(done.code, Some(5), "{}{}", done.out, done.err);
     assert!(done.out.contains("the lens of camera 1 is not that of the rig file"), "{}", done.out);
-    let why =
-        "poses: nothing was written: the lens of camera 1 is wrong, and a refined place would only hide it";
+    let why = "poses: nothing was written: the lens of camera 1 is wrong, and refined camera poses would only hide it";
     assert!(done.err.contains(why), "{}", done.err);
     assert!(!done.folder.exists(), "nothing is written");
 }

@@ -257,7 +257,7 @@ async fn at_speed(bench: &Bench<'_>, triples: &Triples, plan: &Plan) -> anyhow::
     let stream = Stream { triples: triples.clone(), warm_up: plan.warm_up, count, at_speed: true };
     let fast = bench.measure(stream).await?;
     if fast.fed.given_up > 0 {
-        warn(&format!("the poses of {} triples at speed never arrived", fast.fed.given_up));
+        warn(&format!("at full speed, the poses of {} triples did not arrive", fast.fed.given_up));
     }
     let rate_hz = (plan.warm_up + count) as f64 / fast.seconds;
     let tracking = Figures::of(&fast.read.tally.parts[TRACKING]);

@@ -142,7 +142,7 @@ impl OneCamera<'_> {
         match unsure {
             None => Ok(found),
             Some(axis) => Err(degenerate(format!(
-                "its dots do not fix its focal length: {} {:.0} ± {:.0} px",
+                "its dots do not determine its focal length: {} {:.0} ± {:.0} px",
                 LENS_NAMES[axis], lens[axis], found.sigmas[0][axis]
             ))),
         }

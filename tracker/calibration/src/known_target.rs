@@ -39,7 +39,7 @@ pub fn match_dots(
     }
     let mut samples = picked.to_vec();
     for _ in 0..ROUNDS.0 {
-        let flat = affine(&samples).ok_or_else(|| degenerate("the picked dots do not fix the view"))?;
+        let flat = affine(&samples).ok_or_else(|| degenerate("the picked dots do not determine the view"))?;
         samples = paired(dots, target, &|p| Some(flat.tr_mul(&p.to_homogeneous())), samples);
     }
     let mut in_view = 0;

@@ -66,7 +66,9 @@ fn null_vector(rows: DMatrix<f64>) -> Result<DVector<f64>, CalibrationError> {
     order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
     let [second, largest] = [order[1], order[order.len() - 1]].map(|i| eigen.eigenvalues[i].max(0.0));
     if second.is_nan() || second <= RANK * RANK * largest {
-        return Err(degenerate("the points do not fix the projection: too few, or all on a line or a plane"));
+        return Err(degenerate(
+            "the points do not determine the projection: too few, or all on a line or a plane",
+        ));
     }
     Ok(eigen.eigenvectors.column(order[0]).into_owned())
 }
@@ -227,7 +229,7 @@ pub fn target_in_camera(
     let m = p.fixed_view::<3, 3>(0, 0).into_owned();
     let scale = m.determinant().cbrt();
     isometry(&(m / scale), p.column(3) / scale)
-        .ok_or_else(|| degenerate("the dots do not fix the camera's place"))
+        .ok_or_else(|| degenerate("the dots do not determine the camera's position"))
 }
 
 /// Projection matrix of dots in space (6 or more, not in a plane) with right-handed positions.
@@ -285,12 +287,12 @@ pub fn camera_from_dots(
     let skew = (w[(0, 1)] - centre.x * centre.y) / fy;
     let fx = (w[(0, 0)] - centre.x * centre.x - skew * skew).max(0.0).sqrt();
     if !(fx.is_finite() && fy.is_finite() && fx > 0.0 && fy > 0.0) {
-        return Err(degenerate("the dots do not fix the focal length"));
+        return Err(degenerate("the dots do not determine the focal length"));
     }
     let k = Matrix3::new(fx, skew, centre.x, 0.0, fy, centre.y, 0.0, 0.0, 1.0);
-    let inverse = k.try_inverse().ok_or_else(|| degenerate("the dots do not fix the focal length"))?;
-    let place =
-        isometry(&(inverse * m), inverse * t).ok_or_else(|| degenerate("the dots do not fix the camera"))?;
+    let inverse = k.try_inverse().ok_or_else(|| degenerate("the dots do not determine the focal length"))?;
+    let place = isometry(&(inverse * m), inverse * t)
+        .ok_or_else(|| degenerate("the dots do not determine the camera's pose"))?;
     let mut camera = pinhole_camera(id, size_px, Vector2::new(fx, fy), centre);
     set_camera_pose(&mut camera, &place);
     Ok(camera)

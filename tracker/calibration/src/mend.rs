@@ -59,7 +59,9 @@ fn freedom(rig: &Rig, known: &PriorSigmas, judgement: &Judgement) -> Result<Free
     }
     let causes = || judgement.explanations.iter().map(|e| &e.cause);
     if let Some(Cause::Lens { camera, .. }) = causes().find(|cause| matches!(cause, Cause::Lens { .. })) {
-        return Err(format!("the lens of camera {camera} is wrong, and a refined place would only hide it"));
+        return Err(format!(
+            "the lens of camera {camera} is wrong, and refined camera poses would only hide it"
+        ));
     }
     if causes().any(|cause| parts(rig, cause).is_none()) {
         return Err("waving the instruments cannot correct this cause".into());
@@ -123,8 +125,8 @@ fn why_not(judgement: &Judgement, held_out_px: [f64; 2], learnt: &Rig, rest: &[B
         ));
     }
     (is_not_pinned(judgement) && !leaves_noise(learnt, rest)).then(|| {
-        "what the refined rig leaves is above the noise, so places of cameras and markers are not what is wrong, and \
-         refined ones would only hide it"
+        "the refined rig's residuals are above the noise, so the fault is not in the positions of cameras and markers, \
+         and refined ones would only hide it"
             .into()
     })
 }

@@ -402,7 +402,7 @@ pub fn calibrate_lens(
     let unsure = |axis: usize| free.lens[axis] && found.sigmas[0][axis] > UNSURE * focal[axis].abs();
     if !found.left_out.is_empty() && (unsure(0) || unsure(1)) {
         return Err(crate::degenerate(
-            "the views do not fix the focal length: they are too alike; tilt the target differently in each",
+            "the views do not determine the focal length: they are too alike; tilt the target differently in each",
         ));
     }
     Ok(found)

@@ -177,7 +177,7 @@ fn on_the_machine(name: &'static str, screen: &Screen) -> Check {
     if screen.has_cage {
         return Check::ok(name, format!("{connector}: the service vitreo-rig-display shows it there"));
     }
-    let found = format!("{connector}: cage, by which vitreo-rig-display shows it there, is not installed");
+    let found = format!("{connector}: vitreo-rig-display needs cage, which is not installed");
     Check::warn(name, found, "sudo apt-get install cage xwayland")
 }
 

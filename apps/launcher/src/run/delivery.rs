@@ -40,7 +40,8 @@ pub fn unheard(args: &RunArgs, poses: u64, since_ns: Nanos) -> Option<Finding> {
     Some(Finding {
         what: format!("no poses from {source} for {:.0} s", since_ns as f64 * 1e-9),
         cause: format!("{sends} nothing of use has come since the start"),
-        remedy: "check its writer, address and network; the run continues and takes what comes".into(),
+        remedy: "check its writer, address and network; the run continues and uses poses when they arrive"
+            .into(),
         subject: "first poses".into(),
     })
 }

@@ -298,10 +298,10 @@ impl<'a> Session<'a> {
                 return Ok("duration");
             }
             if self.remaining_ns().is_some_and(|left| left < -(OVERTIME_NS as i64)) {
-                return Ok("duration (the cameras did not say so)");
+                return Ok("duration (no end reported by the cameras)");
             }
             if self.has_waited_enough(now()) {
-                return Ok("duration (its source never came)");
+                return Ok("duration (its source never connected)");
             }
             if let Some(why) = self.serve_requests().await? {
                 return Ok(why);

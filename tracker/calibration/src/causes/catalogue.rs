@@ -249,7 +249,7 @@ impl Cause {
         Some(match self {
             Cause::CamerasSwapped { .. } => "exchange the two cables, or the ids in the rig file",
             Cause::ColoursSwapped { cameras, .. } if !cameras.is_empty() => {
-                "set that camera as the others are (white balance, order of its colour channels), or learn its colour classes again (vitreo colours)"
+                "use the other cameras' settings (white balance, order of its colour channels), or learn its colour classes again (vitreo colours)"
             }
             Cause::ColoursSwapped { .. } => {
                 "learn the colour classes again (vitreo colours), or correct the markers' colours in the rig file"
@@ -257,18 +257,18 @@ impl Cause {
             Cause::MarkersSwapped { .. } | Cause::MarkerColoursSwapped { .. } => {
                 "exchange the two markers' colours in the rig file"
             }
-            Cause::ParitySwapped { .. } => "correct which field the camera's driver calls the even one",
+            Cause::ParitySwapped { .. } => "exchange even and odd fields in the camera's driver",
             Cause::Progressive { .. } => {
                 "set the camera to interlaced pictures, or give both fields of a picture one exposure"
             }
             Cause::ClockShifted { .. } => "synchronise the camera, or correct the delay in its driver",
             Cause::Lens { .. } => {
-                "calibrate that lens again (vitreo calibrate intrinsics), then the cameras' places with it (vitreo calibrate \
+                "calibrate that lens again (vitreo calibrate intrinsics), then the camera poses with it (vitreo calibrate \
                  dots or stereo)"
             }
             Cause::Scale { camera: Some(_), .. } => "calibrate its lens (vitreo calibrate intrinsics)",
             Cause::Scale { camera: None, .. } => {
-                "calibrate the cameras' places with the true size of the target (vitreo calibrate dots or stereo)"
+                "calibrate the camera poses with the true size of the target (vitreo calibrate dots or stereo)"
             }
             Cause::MarkerMoved { .. } => "fasten it, or calibrate the markers again (vitreo calibrate waved)",
             Cause::PictureSize { .. } => {
@@ -335,7 +335,7 @@ impl fmt::Display for Cause {
                 write!(f, "camera {camera} was moved: turned by {turn_deg:.3}°, shifted by {shift_mm:.3} mm")
             }
             Cause::CamerasMoved { cameras: [a, b] } => {
-                write!(f, "cameras {a} and {b} were moved, each in its own way")
+                write!(f, "cameras {a} and {b} were moved independently")
             }
             Cause::Lens { camera, focal, centre_px: [x, y], k1 } => write!(
                 f,
@@ -343,7 +343,9 @@ impl fmt::Display for Cause {
                  {y:+.1} px, k1 {k1:+.3}",
                 100.0 * (focal - 1.0)
             ),
-            Cause::Drifted => f.write_str("several cameras or markers are not where the rig file has them"),
+            Cause::Drifted => {
+                f.write_str("several cameras or markers are displaced from their positions in the rig file")
+            }
             Cause::PictureSize { camera, size_px: [width, height] } => {
                 write!(
                     f,

@@ -114,11 +114,11 @@ pub fn judged(held_out: Option<Result<HeldOut, NotCompared>>, report: &mut Repor
             return None;
         }
         Err(NotCompared::TooFewDots) => {
-            report.notes.push("not compared with the rig: halves of what was seen are too little".into());
+            report.notes.push("not compared with the rig: too few views to hold out half of them".into());
             return None;
         }
         Err(NotCompared::TooFewViews) => {
-            return Some("expected views of which some can be held out, to compare with the rig as given, found too few".into());
+            return Some("too few views to compare with the given rig on held-out views".into());
         }
     };
     let HeldOut { before_px, after_px, .. } = held_out;

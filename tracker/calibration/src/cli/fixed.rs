@@ -63,7 +63,7 @@ fn sheets_of_dots(args: &DotsArgs) -> anyhow::Result<(Vec<TargetView>, Vec<Sourc
     for (camera, path) in args.points.iter().enumerate() {
         ensure!(
             !is_recording(path),
-            "{}: is a recording of pixels, which does not say where dots are: expected a point list of each camera, or \
+            "{}: is a recording of pixels, which has no dot positions: expected a point list of each camera, or \
              --pictures {0} --target FILE --picked POINTS",
             path.display()
         );

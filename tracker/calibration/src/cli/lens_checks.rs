@@ -78,7 +78,7 @@ impl Kind {
             ),
             Kind::NoFocal => {
                 format!(
-                    "the views do not fix the focal length, which is known to {} % only: {TILT}",
+                    "the views do not determine the focal length, which is uncertain by {} %: {TILT}",
                     focal(0)
                 )
             }
@@ -91,7 +91,7 @@ impl Kind {
                 "all boards are {what}, which leaves image points of the lens uncertain by {} px over the picture: {advice}",
                 doubt_px(2)
             ),
-            Kind::UnsureFocal => format!("the focal length is known to {} % only: {TILT}", focal(2)),
+            Kind::UnsureFocal => format!("the focal length is uncertain by {} %: {TILT}", focal(2)),
             Kind::UnsureLens { side } => {
                 let uncertain =
                     format!("image points of the lens are uncertain by {} px over the picture", doubt_px(2));

@@ -71,8 +71,8 @@ pub fn remedy(rig: &Rig) -> Option<String> {
     let cameras = words::cameras(&best.cameras.iter().map(|&i| rig.cameras[i].id).collect::<Vec<_>>());
     let lead = match (before, best.lack > 0.0) {
         (None, _) => "the cameras would see the workspace if",
-        (Some(_), false) => "nothing of this would be missing if",
-        (Some(_), true) => "little of this would be missing if",
+        (Some(_), false) => "the cameras would see all of this if",
+        (Some(_), true) => "the cameras would see most of this if",
     };
     Some(format!("{lead} {}", best.convention.words(&cameras)))
 }
