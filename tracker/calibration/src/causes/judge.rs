@@ -3,7 +3,7 @@
 use super::beside::hides_an_error;
 use super::judgement::{Explanation, Judgement, Verdict};
 use super::measure::{CAP_PX, Left, SLICE_NS, START_NS, measure};
-use super::together::Together;
+use super::together::{FOLLOWS, Together};
 use super::trial::{hypotheses, try_all};
 use super::work::Work;
 use super::{Cause, later, lenses, progressive, rest, together, verified};
@@ -120,7 +120,7 @@ fn judge_later(
         }
         let judgement = judge_from(rig, fields, [begin, from], work, go_on);
         // Bodies that are put away are no error of the rig.
-        let is_put_away = || measure(rig, &part).is_less(FOLLOWED);
+        let is_put_away = || measure(rig, &part).is_less((FOLLOWED.0, HOLDS.1));
         match judgement.verdict {
             Verdict::Explained => Some((from, judgement)),
             Verdict::Unknown | Verdict::Stopped if !is_put_away() => Some((from, judgement)),
@@ -196,28 +196,29 @@ fn judge_from(
     }
     // Small errors: everything at once, without tracking again for each.
     let together = estimated(rig, fields, &stretch, from);
-    if let Some(by) = together.as_ref().and_then(|found| beside_places(rig, &stretch, found)) {
+    let followed = together.as_ref().map_or(0.0, |found| found.followed(rig, &stretch));
+    if let Some(by) = together.as_ref().and_then(|found| beside_places(rig, &stretch, found, followed)) {
         judgement.tried = rig.cameras.len() + together.map_or(0, |found| found.tried);
         return explained(judgement, by);
     }
-    if let Some(found) = together.as_ref().filter(|found| found.mends(rig, &stretch)) {
+    if let Some(found) = together.as_ref().filter(|_| followed > FOLLOWS.0) {
         take(found, &mut judgement);
         if found.leaves_more() {
             judgement.explanations = rest::complete(rig, &stretch, judgement.explanations);
         }
         return judgement;
     }
-    search(rig, &stretch, (&before, together), work, &mut judgement, go_on);
+    search(rig, &stretch, (&before, together, followed), work, &mut judgement, go_on);
     judgement
 }
 
 /// What explains a stretch and is no small change of places, or none of places at all: what is estimated together takes up
-/// much of it.
-fn beside_places(rig: &Rig, stretch: &[BlobField], found: &Together) -> Option<Explanation> {
+/// much of it. `followed`: share of the blobs that measure poses with that mended.
+fn beside_places(rig: &Rig, stretch: &[BlobField], found: &Together, followed: f64) -> Option<Explanation> {
     if found.above.is_noise() {
         return None;
     }
-    let mends = found.mends_all_but(1.0 - FOLLOWED.0, rig, stretch);
+    let mends = followed > FOLLOWED.0;
     let two_cameras = || verified::two_cameras(rig, stretch, found).map(of_markers);
     let scale = || verified::scale(rig, stretch).map(of_markers);
     (if mends { None } else { two_cameras() })
@@ -276,7 +277,7 @@ fn take(found: &Together, judgement: &mut Judgement) {
 fn search(
     rig: &Rig,
     stretch: &[BlobField],
-    (before, together): (&Left, Option<Together>),
+    (before, together, followed): (&Left, Option<Together>, f64),
     work: &Work,
     judgement: &mut Judgement,
     go_on: &(impl Fn(usize, usize) -> bool + Sync),
@@ -292,9 +293,7 @@ fn search(
         .as_ref()
         .filter(|t| t.above.is_noise() && before.is_less(FOLLOWED) && !hides_an_error(rig, fields));
     // No one cause makes a rig hold where reflections are many: what they leave out is judged by the rest.
-    let rest = together
-        .as_ref()
-        .filter(|t| !was_stopped && !t.above.is_noise() && t.mends_all_but(1.0 - FOLLOWED.0, rig, stretch));
+    let rest = together.as_ref().filter(|t| !was_stopped && !t.above.is_noise() && followed > FOLLOWED.0);
     let mut singles = alike(before, found.clone());
     if singles.is_empty() && noise.is_none() && rest.is_none_or(Together::names_no_part) {
         singles = in_order(verified::singles(rig, fields, before, found), of_markers);

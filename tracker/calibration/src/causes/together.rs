@@ -34,7 +34,7 @@ const NEAR_CLOCK_S: f64 = 2e-3;
 /// Most instants that are used.
 pub const MOST: usize = 200;
 /// Share of the blobs that measure poses, and their residuals, px, where the tracker follows the rig as it is.
-const FOLLOWS: (f64, f64) = (0.85, 0.6);
+pub const FOLLOWS: (f64, f64) = (0.85, 0.6);
 /// Standard deviation of a blob, px, by which residuals deweight blobs at first.
 const BLOB_PX: f64 = 0.07;
 
@@ -140,11 +140,12 @@ fn retimed(rig: &Rig, fields: &[BlobField], late_s: &[f64]) -> Vec<BlobField> {
 impl Together {
     /// True where it explains the stretch: with everything mended, the blobs measure poses, and leave little.
     pub fn mends(&self, rig: &Rig, fields: &[BlobField]) -> bool {
-        self.mends_all_but(1.0 - FOLLOWS.0, rig, fields)
+        self.followed(rig, fields) > FOLLOWS.0
     }
 
-    /// The same where up to a share of the blobs are no marker's.
-    pub fn mends_all_but(&self, strangers: f64, rig: &Rig, fields: &[BlobField]) -> bool {
+    /// Share of the blobs that measure poses with everything mended; 0 where they leave more than a little, or hide an
+    /// error.
+    pub fn followed(&self, rig: &Rig, fields: &[BlobField]) -> f64 {
         let bundle = &self.found.bundle;
         let mut undone = retimed(rig, fields, &bundle.late_s);
         for field in &mut undone {
@@ -155,8 +156,8 @@ impl Together {
         }
         let left = measure(&bundle.rig(rig), &undone);
         let little = left.explained.rms().is_some_and(|px| px < LEFT_PX);
-        let follows = left.explained_share() > 1.0 - strangers && little && self.noise < NOISE;
-        follows && !hides_an_error(&bundle.rig(rig), &undone)
+        let is_right = little && self.noise < NOISE && !hides_an_error(&bundle.rig(rig), &undone);
+        if is_right { left.explained_share() } else { 0.0 }
     }
 
     /// True where nothing less than all cameras and markers explains the stretch.

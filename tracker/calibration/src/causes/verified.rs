@@ -1,6 +1,6 @@
 //! Causes that are named although many blobs belong to no marker.
 //!
-//! In a stream with false blobs in every field, and an instrument that is taken out, a fifth of all blobs is explained by
+//! In a stream with false blobs in every field, and an instrument that is taken out, a seventh of all blobs is explained by
 //! no rig. The residual of all blobs then says little, and even the right remedy does not make the rig hold by it. There a
 //! remedy is verified instead: with it, all that is estimated together is noise, and no marker lies beside its blobs.
 
