@@ -64,7 +64,7 @@ struct TrackerProcess {
     shell: Shell,
     assembler: FrameAssembler,
     tracker: Tracker,
-    told: Report,
+    report: Report,
     refusals: Refusals,
     /// Frames that were not valid and were not sent.
     withheld: u64,
@@ -95,7 +95,7 @@ impl TrackerProcess {
             shell,
             assembler: FrameAssembler::new(&rig),
             tracker,
-            told: Report::default(),
+            report: Report::default(),
             refusals: Refusals::default(),
             withheld: 0,
             newest: VecDeque::with_capacity(MAX_FIELDS_USED),
@@ -219,7 +219,7 @@ impl TrackerProcess {
 
     /// Logs what has changed, and updates the figures of the next heartbeat.
     fn report(&mut self) {
-        self.told.tell(&mut self.tracker, self.newest_field);
+        self.report.log(&mut self.tracker, self.newest_field);
         let (blobs, report) = (self.blobs.counts(), &mut self.shell.report);
         report.received = blobs.received;
         report.sent = self.poses.sent();
@@ -282,7 +282,7 @@ impl Work<anyhow::Error> for TrackerProcess {
     fn execute(&mut self, command: Command, _argument: u64) -> anyhow::Result<Served> {
         let (Command::Reset | Command::Load) = command else { return Ok(Served::NothingToDo) };
         self.tracker.reset();
-        self.told.reset();
+        self.report.reset();
         self.saving.now();
         self.assembler.reset();
         Ok(Served::Done)

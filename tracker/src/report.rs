@@ -12,7 +12,7 @@ pub struct Report {
 impl Report {
     /// Logs what has changed: a rig that has drifted by more than the corrections of every calibration, cameras
     /// that disagree with the others, filters that were reset. `field`: of the newest frame.
-    pub fn tell(&mut self, tracker: &mut Tracker, field: u64) {
+    pub fn log(&mut self, tracker: &mut Tracker, field: u64) {
         let drift = tracker.drift().filter(|r| r.detected && r.is_large());
         if let Some(report) = drift.filter(|_| !self.drift) {
             tracing::warn!(field, "{report}");

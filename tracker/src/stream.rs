@@ -10,11 +10,13 @@ use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
 use rig::Rig;
 
-/// Tracks camera-fields in the order of their arrival; the time is the newest `blobs_out_ns`.
+/// Tracks camera-fields in the order of their arrival; the time is the newest `blobs_out_ns`. It logs nothing: what a
+/// tracker suspects of a rig is said by the command that asked, and most ask with several rigs.
 pub struct StreamTracker {
     assembler: FrameAssembler,
     tracker: Tracker,
-    told: Report,
+    /// `None` where nothing is logged.
+    log: Option<Report>,
     now_ns: Nanos,
 }
 
@@ -27,7 +29,13 @@ impl StreamTracker {
     /// As [`StreamTracker::new`], with other constants.
     pub fn tuned(rig: &Rig, tuning: &Tuning) -> Self {
         let (assembler, tracker) = (FrameAssembler::new(rig), Tracker::tuned(rig, true, tuning));
-        StreamTracker { assembler, tracker, told: Report::default(), now_ns: 0 }
+        StreamTracker { assembler, tracker, log: None, now_ns: 0 }
+    }
+
+    /// The same, logging what it suspects of the rig.
+    pub fn logging(mut self) -> Self {
+        self.log = Some(Report::default());
+        self
     }
 
     /// Takes the next field, and hands every frame that it closes to `visit`, with the fields that the
@@ -63,7 +71,9 @@ impl StreamTracker {
     fn track(&mut self, closed: &ClosedFrame, visit: &mut impl Visit) {
         let used = self.assembler.used();
         let frame = self.tracker.track(used, &closed.reference);
-        self.told.tell(&mut self.tracker, frame.field);
+        if let Some(log) = &mut self.log {
+            log.log(&mut self.tracker, frame.field);
+        }
         visit(frame, used, closed, self.tracker.matches());
     }
 }

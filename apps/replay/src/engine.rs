@@ -231,10 +231,10 @@ fn track_turn(
     turn: &mut FrameTurn,
     frames: &mut Frames,
 ) -> Option<TrackerFrame> {
-    let (tracker, told) = tracker.as_mut()?;
+    let (tracker, report) = tracker.as_mut()?;
     go_on_over_a_gap(tracker, turn, frames);
     let made = track(tracker, turn);
-    told.tell(tracker, made.field);
+    report.log(tracker, made.field);
     Some(made)
 }
 
@@ -290,7 +290,7 @@ pub fn stream(
     mut world: World,
     mut visit: impl FnMut(Streamed<'_>) -> anyhow::Result<ControlFlow<()>>,
 ) -> anyhow::Result<Option<RecordingError>> {
-    let (mut tracker, mut made) = (StreamTracker::new(rig), Vec::new());
+    let (mut tracker, mut made) = (StreamTracker::new(rig).logging(), Vec::new());
     let mut damage = None;
     let mut items = recording.items();
     while let Some(item) = items.next() {

@@ -41,7 +41,7 @@ impl Recorded {
     pub fn snapshot(&self) -> Snapshot {
         Snapshot {
             place: self.items.place(),
-            tracker: self.tracker.as_ref().map(|(tracker, told)| (tracker.snapshot(), told.clone())),
+            tracker: self.tracker.as_ref().map(|(tracker, report)| (tracker.snapshot(), report.clone())),
             frames: self.frames.clone(),
             world: self.steps.world.snapshot(),
             waiting: self.steps.waiting.clone(),
@@ -60,9 +60,10 @@ impl Recorded {
     pub fn restore(&mut self, snapshot: &Snapshot) -> Result<(), CheckpointError> {
         self.steps.world.restore_snapshot(&snapshot.world)?;
         self.items.go_to(&snapshot.place);
-        if let (Some((tracker, told)), Some((copy, had_told))) = (&mut self.tracker, &snapshot.tracker) {
+        if let (Some((tracker, report)), Some((copy, had_reported))) = (&mut self.tracker, &snapshot.tracker)
+        {
             tracker.restore_snapshot(copy);
-            told.clone_from(had_told);
+            report.clone_from(had_reported);
         }
         self.frames.clone_from(&snapshot.frames);
         self.steps.waiting.clone_from(&snapshot.waiting);

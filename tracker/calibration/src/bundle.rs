@@ -73,6 +73,9 @@ pub struct Freedom {
     pub elsewhere: Vec<Part>,
     /// For these.
     pub wide: PriorSigmas,
+    /// Some parts are elsewhere, and which is not known: the prior has heavy tails, so that the frames of the world and
+    /// of the bodies follow the parts that moved least, and not the mean of all.
+    pub unnamed: bool,
     /// Values of lenses that stay as they are: index of the camera, and index into
     /// [`crate::lens::LENS_NAMES`].
     pub held: Vec<(usize, usize)>,

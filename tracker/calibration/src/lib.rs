@@ -17,6 +17,7 @@ mod draws;
 pub mod drift_check;
 pub mod exchanged;
 pub mod fixed_dots;
+mod frames;
 pub mod grey_image;
 pub mod grid;
 pub mod halves;

@@ -9,6 +9,7 @@ use crate::CalibrationError;
 use crate::bundle::{Freedom, Part, PriorSigmas};
 use crate::causes::together::{WIDE, estimate};
 use crate::causes::{Cause, Judgement, Verdict, measure};
+use crate::frames::undetermined;
 use crate::self_calibration::{SelfCalibration, refine_stream_free};
 use protocol::blobs::BlobField;
 use protocol::poses::BODY_NAMES;
@@ -53,7 +54,13 @@ pub(crate) fn parts(rig: &Rig, cause: &Cause) -> Option<Vec<Part>> {
 
 /// What may be refined, or why nothing may.
 fn freedom(rig: &Rig, known: &PriorSigmas, judgement: &Judgement) -> Result<Freedom, String> {
-    let of = |elsewhere| Freedom { known: *known, elsewhere, wide: WIDE, ..Freedom::default() };
+    let of = |elsewhere: Vec<Part>| Freedom {
+        known: *known,
+        unnamed: elsewhere.is_empty(),
+        elsewhere,
+        wide: WIDE,
+        ..Freedom::default()
+    };
     if judgement.verdict != Verdict::Explained {
         return Ok(of(Vec::new()));
     }
@@ -162,5 +169,7 @@ pub fn mend(
         return Ok(Mended::Nothing(why));
     }
     let found = Box::new(refine_stream_free(rig, fields, &free, most, progress)?);
-    Ok(Mended::Better { found, held_out_px })
+    // Where the moved parts are named, all others hold the frames.
+    let which = if free.unnamed { undetermined(rig, &found.bundle, known.marker_mm) } else { None };
+    Ok(which.map_or(Mended::Better { found, held_out_px }, Mended::Nothing))
 }

@@ -134,18 +134,37 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<ExitCode> {
     args.output.print(&report, &[], &[])?;
     // The rig stays as it is; the result is what was found of it.
     args.output.write(&report.to_json().to_string())?;
-    let blamed = |id: u32| judgement.holds || judgement.explanations.iter().any(|e| e.cause.moves_camera(id));
-    let shifted = rig.cameras.iter().zip(&found.cameras).filter(|(c, shift)| shift.drifted && blamed(c.id));
-    for (camera, shift) in shifted {
-        warn(&format!(
-            "camera {} has drifted: its residuals are shifted by {:.3} px (chance {:.3} px, limit {:.3} px); \
-             refine the rig with: calibrate waved",
-            camera.id, shift.systematic_px, shift.chance_px, args.limit_px
-        ));
+    if let Some(advice) = advice(&rig, &found, &judgement, args.limit_px) {
+        warn(&advice);
     }
     // The launcher's code for a verification that found a difference.
     let holds = !found.drifted() && judgement.holds;
     Ok(if holds { ExitCode::SUCCESS } else { ExitCode::from(DIFFERS) })
+}
+
+/// What to do, also where the report goes into a file. Where the judgement names a cause, cameras whose residuals are
+/// shifted are not listed: an error of one camera shifts those of the others too.
+fn advice(rig: &Rig, found: &DriftCheck, judgement: &Judgement, limit_px: f64) -> Option<String> {
+    if !judgement.holds {
+        let remedies = judgement.remedies();
+        return (!remedies.is_empty()).then(|| format!("{NOT_VALID}. Remedy: {remedies}"));
+    }
+    let shifted = rig.cameras.iter().zip(&found.cameras).filter(|(_, shift)| shift.drifted);
+    let shifted: Vec<String> = shifted
+        .map(|(camera, shift)| {
+            format!(
+                "camera {} by {:.3} px (chance {:.3} px)",
+                camera.id, shift.systematic_px, shift.chance_px
+            )
+        })
+        .collect();
+    (!shifted.is_empty()).then(|| {
+        format!(
+            "systematic shift of residuals above the limit of {limit_px:.3} px: {}; refine the rig with: vitreo calibrate \
+             waved",
+            shifted.join(", ")
+        )
+    })
 }
 
 /// What a check for drift found.

@@ -127,8 +127,8 @@ pub fn waved_report(rig: &Rig, found: &SelfCalibration, drifted: bool) -> Report
     }
     add_marker_moves(&mut report, rig, found);
     report.notes.push(
-        "gauge: the world's origin is the eye's centre; turned as a whole, and where markers of a body move \
-         together, the rig stays at the mean of what it was"
+        "gauge: the world's origin is the eye's centre; its axes, and the frame of each body, follow the cameras and \
+         markers that moved least"
             .into(),
     );
     report.notes.extend(undetermined(rig, found));

@@ -7,7 +7,7 @@ use crate::lens::{
 };
 use crate::observations::{FrameObservations, MarkerObservation};
 use crate::solve::{Column, Loss, MAX_STEPS, NormalEquations, Problem, Unknown};
-use nalgebra::{DVector, Isometry3, Matrix1, Matrix2, SMatrix, Vector2, Vector3};
+use nalgebra::{DVector, Isometry3, Matrix1, Matrix2, SMatrix, SVector, Vector2, Vector3};
 use protocol::limits::BODIES;
 use protocol::poses::{BODY_NAMES, EYE};
 use rig::camera::Camera;
@@ -49,6 +49,8 @@ pub struct SelfCalibrationProblem<'a> {
     eye_moves: bool,
     pub(super) noise: f64,
     near_enough: f64,
+    /// The prior of places has heavy tails.
+    unnamed: bool,
 }
 
 impl<'a> SelfCalibrationProblem<'a> {
@@ -74,6 +76,7 @@ impl<'a> SelfCalibrationProblem<'a> {
             before,
             noise: 1.0,
             near_enough: free.near_enough,
+            unnamed: free.unnamed,
         };
         let seen = |of: &dyn Fn(&MarkerObservation) -> bool| instants.iter().any(|i| i.seen.iter().any(of));
         for c in 0..out.before.cameras.len() {
@@ -125,6 +128,22 @@ impl<'a> SelfCalibrationProblem<'a> {
             self.swapped_at[c] = Some(self.values.len());
             self.push(Value::Swapped(c), free.parity_px);
         }
+    }
+
+    /// Adds the prior of the `N` values of one part, which begin at `first`. Where it is not known which parts moved, each
+    /// loses its weight as a whole: a marker that moved along one axis says nothing by the others either.
+    fn prior_of<const N: usize>(&self, state: &Bundle, first: usize, out: &mut NormalEquations) {
+        let inverse = |i: usize| 1.0 / self.sigmas[first + i];
+        // The rotation's increment and its logarithm differ in second order only.
+        let off = SVector::<f64, N>::from_fn(|i, _| {
+            self.values[first + i].change(&self.before, state) * inverse(i)
+        });
+        let columns: [Column<N>; N] = std::array::from_fn(|i| {
+            let slope = SVector::from_fn(|row, _| if row == i { inverse(i) } else { 0.0 });
+            (Unknown::Shared(first + i), slope)
+        });
+        let heavy = self.unnamed && N > 1;
+        out.add(&off, &columns, if heavy { Loss::Cauchy((N as f64).sqrt()) } else { Loss::Square });
     }
 
     fn push(&mut self, value: Value, sigma: f64) {
@@ -317,14 +336,13 @@ impl Problem for SelfCalibrationProblem<'_> {
     }
 
     fn prior(&self, state: &Bundle, out: &mut NormalEquations) {
-        for (at, (value, sigma)) in self.values.iter().zip(&self.sigmas).enumerate() {
-            let off = value.change(&self.before, state);
-            // The rotation's increment and its logarithm differ in second order only.
-            out.add(
-                &Matrix1::new(off / sigma),
-                &[(Unknown::Shared(at), Matrix1::new(1.0 / sigma))],
-                Loss::Square,
-            );
+        for (at, value) in self.values.iter().enumerate() {
+            match *value {
+                Value::Place(_, 0) => self.prior_of::<EXTRINSICS>(state, at, out),
+                Value::Marker(_, _, 0) => self.prior_of::<3>(state, at, out),
+                Value::Place(..) | Value::Marker(..) => {}
+                _ => self.prior_of::<1>(state, at, out),
+            }
         }
         let slopes = common_clock(&self.values);
         let clocks = self.values.iter().enumerate().filter(|(at, _)| slopes[*at] != 0.0);
