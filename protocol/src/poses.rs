@@ -25,15 +25,26 @@ pub enum BodyStatus {
     FellBehind = 5,
     Predicted = 6,
     Lost = 7,
+    CamerasDisagree = 8,
 }
 
 impl BodyStatus {
     /// From the wire.
     pub fn from_wire(code: u32) -> Option<Self> {
         use BodyStatus::*;
-        [Tracked, PartlyOutOfVolume, TooFewMarkers, BadFit, Interference, FellBehind, Predicted, Lost]
-            .get(code as usize)
-            .copied()
+        [
+            Tracked,
+            PartlyOutOfVolume,
+            TooFewMarkers,
+            BadFit,
+            Interference,
+            FellBehind,
+            Predicted,
+            Lost,
+            CamerasDisagree,
+        ]
+        .get(code as usize)
+        .copied()
     }
 
     /// In words.
@@ -47,6 +58,7 @@ impl BodyStatus {
             BodyStatus::FellBehind => "fell behind",
             BodyStatus::Predicted => "predicted",
             BodyStatus::Lost => "lost",
+            BodyStatus::CamerasDisagree => "cameras disagree",
         }
     }
 }

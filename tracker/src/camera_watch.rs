@@ -166,6 +166,8 @@ pub struct CameraWatch {
     trial: Option<Trial>,
     /// No judgement before this instant, ns.
     quiet_until_ns: u64,
+    /// The cameras count as in disagreement until this instant, ns.
+    disagree_until_ns: u64,
     /// Time within which jumps of two cameras belong together, ns.
     together_ns: u64,
     notices: VecDeque<Notice>,
@@ -186,6 +188,7 @@ impl CameraWatch {
             estimated: 0,
             trial: None,
             quiet_until_ns: 0,
+            disagree_until_ns: 0,
             together_ns: rig.at_rate.together_ns,
             notices: VecDeque::with_capacity(NOTICES),
             newly_left_out: 0,
@@ -200,6 +203,12 @@ impl CameraWatch {
     /// Set of the cameras that stand where they were estimated to be, and not where the rig has them.
     pub fn estimated(&self) -> u32 {
         self.estimated
+    }
+
+    /// True while cameras disagree and leaving out one of them has not helped, or none does: poses may be far off.
+    pub fn disagrees(&self, time_ns: u64) -> bool {
+        let is_second = |trial: Trial| trial.tried.count_ones() > 1;
+        time_ns < self.disagree_until_ns || self.trial.is_some_and(is_second)
     }
 
     /// The oldest change that was not taken yet.
@@ -329,6 +338,7 @@ impl CameraWatch {
                     self.try_another(trial, in_use, 0.0, time_ns);
                 } else {
                     self.trial = None;
+                    self.disagree_until_ns = 0;
                 }
             }
             _ => {}
@@ -365,6 +375,7 @@ impl CameraWatch {
         }
         self.clear_evidence();
         self.quiet_until_ns = time_ns + k::KNOCK_QUIET_NS;
+        self.disagree_until_ns = self.quiet_until_ns + k::KNOCK_AGAIN_NS;
         self.note(Notice::Disagree { cameras: self.in_use() });
     }
 

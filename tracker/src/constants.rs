@@ -284,6 +284,8 @@ pub const KNOCK_TRIAL_NS: u64 = 700_000_000;
 pub const KNOCK_SETTLE_NS: u64 = 150_000_000;
 /// Time without a judgement after the cameras disagreed, ns.
 pub const KNOCK_QUIET_NS: u64 = 30_000_000_000;
+/// Time after that in which cameras that still disagree show it again, ns: each is tried.
+pub const KNOCK_AGAIN_NS: u64 = 5_000_000_000;
 /// Time after a camera was left out at which its resection begins, ns.
 pub const RESECTION_AFTER_NS: u64 = 100_000_000;
 /// Fields after which a resected pose is used where fewer than two other cameras send.

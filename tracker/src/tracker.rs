@@ -24,7 +24,7 @@ use protocol::blobs::BlobField;
 use protocol::limits::{BODIES, MAX_CAMERAS, MAX_FIELDS_USED};
 use protocol::matches::MatchFrame;
 use protocol::phases::{Phase, Phases, Unmarked};
-use protocol::poses::{BodyStatus, ClosedBy, EYE, FieldUsed, TrackerFrame};
+use protocol::poses::{BodyState, BodyStatus, ClosedBy, EYE, FieldUsed, TrackerFrame};
 use protocol::time::Nanos;
 use rig::Rig;
 
@@ -306,7 +306,17 @@ impl Tracker {
         }
         if let Some(watch) = &self.watch {
             (frame.cameras_left_out, frame.cameras_estimated) = (watch.left_out(), watch.estimated());
+            if watch.disagrees(frame.instants.exposed) {
+                frame.bodies.iter_mut().filter(|body| body.blobs_used > 0).for_each(doubt);
+            }
         }
+    }
+}
+
+/// What cameras that disagree make of a body: its pose fits none of them well, and no better status is right.
+fn doubt(body: &mut BodyState) {
+    if ![BodyStatus::Lost as u32, BodyStatus::BadFit as u32].contains(&body.status) {
+        body.status = BodyStatus::CamerasDisagree as u32;
     }
 }
 

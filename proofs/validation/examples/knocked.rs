@@ -66,7 +66,7 @@ fn main() {
     let args = Args::parse();
     let rig = Rig::load_or_shipped(None).expect("the shipped rig");
     let (head, columns) = match args.kind {
-        Kind::Two => (HEAD_OF_TWO, 15),
+        Kind::Two => (HEAD_OF_TWO, 16),
         _ => (HEAD, 13),
     };
     println!("{head}\n|{}", "---|".repeat(columns));
@@ -88,7 +88,7 @@ const HEAD: &str = "| scenario | picture moved by, px | detected after, s | incl
     minimum coverage | tips, µm | undisturbed | bound | display error, µm | undisturbed | longest gap, fields | \
     eye, mrad | undisturbed |";
 const HEAD_OF_TWO: &str = "| scenario | pictures moved by, px | disagreement reported | a camera excluded | \
-    both named at the end | minimum coverage | tips, µm | largest | over 0.1 mm, % | undisturbed | bound | \
+    both named at the end | minimum coverage | tips, µm | largest | over 0.1 mm, % | of these *tracked*, % | undisturbed | bound | \
     display error, µm | undisturbed | eye, mrad | undisturbed |";
 
 fn seeds(args: &Args) -> std::ops::Range<u64> {
@@ -202,9 +202,11 @@ fn line(scenario: Scenario, px: f64, moved: &[Outcome], still: &[Outcome]) {
 fn line_of_two(scenario: Scenario, px: f64, moved: &[Outcome], still: &[Outcome]) {
     let streams = |of: fn(&Outcome) -> bool| moved.iter().filter(|o| of(o)).count();
     let tips: Vec<f64> = moved.iter().flat_map(|o| o.score.tips_um.iter().copied()).collect();
-    let far = tips.iter().filter(|um| **um > FAR_OFF_UM).count() as f64 / tips.len().max(1) as f64;
+    let far_off = |tips: &[f64]| tips.iter().filter(|um| **um > FAR_OFF_UM).count();
+    let far = far_off(&tips);
+    let far_tracked: usize = moved.iter().map(|o| far_off(&o.score.tracked_um)).sum();
     println!(
-        "| {} | {px} | {} | {} | {} | {:.4} | {:.1} | {:.0} | {:.2} | {:.1} | {} | {:.0} | {:.0} | {:.2} | {:.2} |",
+        "| {} | {px} | {} | {} | {} | {:.4} | {:.1} | {:.0} | {:.2} | {:.0} | {:.1} | {} | {:.0} | {:.0} | {:.2} | {:.2} |",
         scenario.name(),
         streams(|o| o.disagree),
         streams(|o| o.excluded),
@@ -212,7 +214,8 @@ fn line_of_two(scenario: Scenario, px: f64, moved: &[Outcome], still: &[Outcome]
         least_coverage(moved),
         rms(&tips),
         tips.iter().copied().fold(0.0, f64::max),
-        100.0 * far,
+        100.0 * far as f64 / tips.len().max(1) as f64,
+        100.0 * far_tracked as f64 / far.max(1) as f64,
         all(still, |s| &s.tips_um),
         bound_of(still),
         all(moved, |s| &s.shown_um),

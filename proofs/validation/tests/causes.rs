@@ -1,6 +1,8 @@
 //! Planted defects are named, and nothing else is.
 
 use calibration::causes::{Cause, Verdict, judge};
+use protocol::blobs::{Blob, Colour};
+use protocol::random::Random;
 use validation::judged::{draw, said};
 use validation::planted::{Defect, Planted, is_truth, plant};
 use validation::streams::Scenario;
@@ -84,6 +86,41 @@ fn are_named_alone(seeds: &[(u64, bool)]) {
         assert_eq!(judged.explanations.len(), 1, "{truth}: {}", judged.text());
         assert!(is_truth(&judged.explanations[0].cause, &truth), "{truth}: {}", judged.text());
     }
+}
+
+#[test]
+fn timestamps_of_the_arrival_are_named() {
+    // A driver that stamps pictures of camera 1 when they arrive; nothing is wrong with their exposures.
+    let Planted { rig, mut fields, .. } = planted(Defect::None, 5);
+    let random = &mut Random::new(5, 91);
+    for field in fields.iter_mut().filter(|f| f.camera == 1) {
+        field.exposed_ns = field.exposed_ns.saturating_add_signed(random.between(-3e6, 3e6) as i64);
+    }
+    let judged = judge(&rig, &fields, |_, _| true);
+    assert_eq!(judged.explanations.len(), 1, "{}", judged.text());
+    let Cause::TimestampsJitter { camera: 1, rms_ms } = judged.explanations[0].cause else {
+        panic!("{}", judged.text());
+    };
+    // A uniform distribution of ± 3 ms.
+    assert!((1.5..2.0).contains(&rms_ms), "{rms_ms}");
+}
+
+#[test]
+fn half_of_the_blobs_may_be_reflections() {
+    let Planted { rig, mut fields, .. } = planted(Defect::None, 6);
+    let random = &mut Random::new(6, 92);
+    let colours = [Colour::Red, Colour::Yellow, Colour::Green, Colour::Cyan, Colour::Blue];
+    for field in &mut fields {
+        let like = field.blobs[0];
+        for _ in 0..13 {
+            let (x_px, y_field_px) = (random.between(5.0, 715.0), random.between(3.0, 284.0));
+            let (area_px, colour) = (random.between(60.0, 400.0), random.one_of(&colours) as u32);
+            field.push(Blob { x_px, y_field_px, area_px, colour, ..like });
+        }
+    }
+    let judged = judge(&rig, &fields, |_, _| true);
+    assert!(judged.verdict == Verdict::NothingWrong && judged.holds, "{}", judged.text());
+    assert!((0.4..0.6).contains(&judged.unexplained), "{}", judged.unexplained);
 }
 
 #[test]

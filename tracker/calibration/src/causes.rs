@@ -12,6 +12,7 @@
 mod beside;
 pub mod catalogue;
 mod colours;
+mod jitter;
 mod judge;
 mod judgement;
 mod later;

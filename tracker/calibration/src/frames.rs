@@ -30,7 +30,7 @@ pub fn undetermined(before: &Rig, after: &Bundle, marker_mm: f64) -> Option<Stri
 fn of_body(old: &[Point3<f64>], new: &[Point3<f64>], marker_mm: f64) -> Option<String> {
     let limit_mm = MOVED * marker_mm;
     let moved = |m: usize| (new[m] - old[m]).norm();
-    let Some(most) = (0..old.len()).max_by(|a, b| moved(*a).total_cmp(&moved(*b))) else { return None };
+    let most = (0..old.len()).max_by(|a, b| moved(*a).total_cmp(&moved(*b)))?;
     if old.len() < 4 || moved(most) <= limit_mm {
         return None;
     }
@@ -46,7 +46,8 @@ fn of_body(old: &[Point3<f64>], new: &[Point3<f64>], marker_mm: f64) -> Option<S
     let names: Vec<String> = alike.iter().map(|a| a.marker.to_string()).collect();
     (apart > TIP_MM).then(|| {
         format!(
-            "the stream does not determine which of its markers {} has moved, and a wrong choice would displace the tip by up to {:.2} mm",
+            "the stream does not determine which of its markers {} has moved, and a wrong choice would displace the tip \
+             by up to {:.2} mm",
             names.join(", "),
             apart
         )

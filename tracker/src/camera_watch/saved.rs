@@ -11,7 +11,7 @@ impl CameraWatch {
     /// Writes what is known of the rig's cameras, and what was not reported yet.
     pub(crate) fn save(&self, out: &mut Saver<'_>) -> Done {
         let CameraWatch { calibrated, states, jumps, evidence, resections, returns, estimated, .. } = self;
-        let CameraWatch { trial, quiet_until_ns, notices, newly_left_out, .. } = self;
+        let CameraWatch { trial, quiet_until_ns, disagree_until_ns, notices, newly_left_out, .. } = self;
         for camera in (0..MAX_CAMERAS).filter(|c| calibrated[*c].is_some()) {
             out.put(&(states[camera], jumps[camera], returns[camera]))?;
             evidence[camera].save(out)?;
@@ -19,6 +19,7 @@ impl CameraWatch {
         }
         out.put(&(estimated, trial, newly_left_out))?;
         out.put(quiet_until_ns)?;
+        out.put(disagree_until_ns)?;
         out.put(&(notices.len() as u64))?;
         notices.iter().try_for_each(|notice| out.put(notice))
     }
@@ -39,6 +40,7 @@ impl CameraWatch {
         let trial = self.trial.is_none_or(|t: Trial| self.is_there(t.camera));
         require(trial && sets.into_iter().all(there), "a camera is not in the rig")?;
         self.quiet_until_ns = from.count()?;
+        self.disagree_until_ns = from.count()?;
         self.notices.clear();
         for _ in 0..from.below(NOTICES as u64 + 1)? {
             let notice = from.take()?;

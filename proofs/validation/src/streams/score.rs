@@ -4,7 +4,7 @@ use super::Stream;
 use nalgebra::Isometry3;
 use protocol::geometry::Validity;
 use protocol::limits::INSTRUMENTS;
-use protocol::poses::{EYE, TrackerFrame};
+use protocol::poses::{BodyStatus, EYE, TrackerFrame};
 use protocol::predict::predict;
 use tracker::Tracker;
 use tracker::assembler::FrameAssembler;
@@ -68,6 +68,8 @@ impl Tracked {
 pub struct Score {
     /// Distance of measured tips from the truth, µm.
     pub tips_um: Vec<f64>,
+    /// Those with the status *tracked*.
+    pub tracked_um: Vec<f64>,
     /// Distance of shown tips from the truth, µm: predicted to the instants of an 85 Hz display by a viewer
     /// that takes the newest frame 15 ms before.
     pub shown_um: Vec<f64>,
@@ -119,7 +121,11 @@ impl Score {
             if body == EYE {
                 self.eye_mrad.push(pose.rotation.angle_to(&truth.bodies[EYE].rotation) * 1e3);
             } else {
-                self.tips_um.push(apart_um(&pose, &truth.bodies[body]));
+                let um = apart_um(&pose, &truth.bodies[body]);
+                self.tips_um.push(um);
+                if state.status == BodyStatus::Tracked as u32 {
+                    self.tracked_um.push(um);
+                }
             }
         }
     }

@@ -9,6 +9,7 @@
 use super::measure::{START_NS, track};
 use super::places::{is_free, nearest, nearest_of, poses_at};
 use crate::median;
+use nalgebra::Vector2;
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, Blob, BlobField};
 use protocol::geometry::Validity;
 use protocol::limits::BODIES;
@@ -38,6 +39,10 @@ const THERE: (usize, f64, f64) = (3, 0.5, 0.1);
 /// with the median of the camera.
 const WHOLE: f64 = 0.12;
 
+/// Of the images of markers in the pictures this share has its blob, and every body is measured in this share of the
+/// frames, where the rig is followed whatever else the cameras see. Markers that are hidden or touch others have none.
+const COMPLETE: (f64, f64) = (0.8, 0.9);
+
 /// What was seen of the markers.
 #[derive(Default)]
 struct Seen {
@@ -47,6 +52,8 @@ struct Seen {
     own: BTreeMap<(usize, usize), usize>,
     /// The same by camera, too; and images with a free blob of another colour instead.
     by_camera: BTreeMap<(u32, (usize, usize)), [usize; 2]>,
+    /// Images that lie in the pictures, of all markers.
+    expected: usize,
     /// Frames, and those that measure a body.
     frames: usize,
     measured: [usize; BODIES],
@@ -59,6 +66,18 @@ struct Seen {
 
 /// True where a marker has its blobs beside it or in another colour, or a body is there and never tracked.
 pub fn hides_an_error(rig: &Rig, fields: &[BlobField]) -> bool {
+    seen(rig, fields).hides_an_error()
+}
+
+/// True where nearly every marker of every body has its blob, and none lies beside it: all other blobs, and be it half of
+/// them, belong to nothing of the rig.
+pub fn is_complete(rig: &Rig, fields: &[BlobField]) -> bool {
+    let seen = seen(rig, fields);
+    seen.is_complete() && !seen.hides_an_error()
+}
+
+/// What a tracker makes of the markers in fields.
+fn seen(rig: &Rig, fields: &[BlobField]) -> Seen {
     let model = RigModel::new(rig);
     let begin = fields.iter().map(|f| f.exposed_ns).min().unwrap_or(0) + START_NS;
     let mut seen = Seen::default();
@@ -73,10 +92,22 @@ pub fn hides_an_error(rig: &Rig, fields: &[BlobField]) -> bool {
             }
         }
     });
-    seen.has_other_colour() || seen.has_untracked_body() || seen.has_marker_beside()
+    seen
 }
 
 impl Seen {
+    fn hides_an_error(&self) -> bool {
+        self.has_other_colour() || self.has_untracked_body() || self.has_marker_beside()
+    }
+
+    fn is_complete(&self) -> bool {
+        let own: usize = self.own.values().sum();
+        let (images, frames) = COMPLETE;
+        own > IMAGES
+            && own as f64 > images * self.expected as f64
+            && self.measured.iter().all(|measured| *measured as f64 > frames * self.frames as f64)
+    }
+
     /// Counts the bodies of a frame that are measured, and those whose blobs are free.
     fn count(&mut self, model: &RigModel, frame: &TrackerFrame, used: &[BlobField], matches: &MatchFrame) {
         self.frames += 1;
@@ -112,6 +143,7 @@ impl Seen {
             let Some(pose) = pose.as_ref().map(PoseMatrix::from) else { continue };
             for (m, marker) in model.bodies[body].markers.iter().enumerate() {
                 let Some(image) = project_marker(marker, &pose, camera) else { continue };
+                self.expected += usize::from(is_in_picture(camera, &image.pixel));
                 let ratio = |blob: usize| field.blobs()[blob].area_px / image.area_px;
                 let is_own = |e: &MatchedBlob| e.outcome().is_used() && e.marker() == Some((body, m));
                 if let Some(own) = matched.blobs().iter().position(is_own) {
@@ -153,9 +185,9 @@ impl Seen {
     }
 
     /// True where enough whole blobs lie beside a marker, for the images that have their own.
-    fn has_marker_beside(self) -> bool {
+    fn has_marker_beside(&self) -> bool {
         let usual: BTreeMap<u32, Option<f64>> =
-            self.ratios.into_iter().map(|(c, of)| (c, median(of.into_iter()))).collect();
+            self.ratios.iter().map(|(c, of)| (*c, median(of.iter().copied()))).collect();
         let is_whole = |camera: &u32, ratio: &f64| {
             usual.get(camera).copied().flatten().is_some_and(|usual| (ratio / usual - 1.0).abs() < WHOLE)
         };
@@ -168,4 +200,9 @@ impl Seen {
             beside >= IMAGES && beside as f64 > SHARE * (own + beside) as f64
         })
     }
+}
+
+fn is_in_picture(camera: &Camera, pixel: &Vector2<f64>) -> bool {
+    let [width, height] = camera.size_px.map(f64::from);
+    (0.0..width).contains(&pixel.x) && (0.0..height).contains(&pixel.y)
 }

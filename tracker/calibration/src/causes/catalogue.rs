@@ -58,6 +58,13 @@ pub enum Cause {
         /// Offset, ms.
         by_ms: f64,
     },
+    /// The timestamps of a camera jitter: they are of the arrival of its pictures.
+    TimestampsJitter {
+        /// Camera id.
+        camera: u32,
+        /// Root mean square of the jitter, ms.
+        rms_ms: f64,
+    },
     /// Another scale.
     Scale {
         /// Of a camera's pictures (its focal length); `None`: of the distances between cameras.
@@ -225,7 +232,9 @@ impl Cause {
             | Cause::Progressive { camera }
             | Cause::PictureSize { camera, .. }
             | Cause::Scale { camera, .. } => camera.is_none_or(|own| own == id),
-            Cause::ClockShifted { camera, .. } | Cause::Lens { camera, .. } => *camera == id,
+            Cause::ClockShifted { camera, .. }
+            | Cause::TimestampsJitter { camera, .. }
+            | Cause::Lens { camera, .. } => *camera == id,
             other => other.moves_camera(id),
         }
     }
@@ -260,6 +269,9 @@ impl Cause {
             Cause::ParitySwapped { .. } => "exchange even and odd fields in the camera's driver",
             Cause::Progressive { .. } => {
                 "set the camera to interlaced pictures, or give both fields of a picture one exposure"
+            }
+            Cause::TimestampsJitter { .. } => {
+                "let the driver use the camera's own timestamps of the exposure, not the time at which a picture arrives"
             }
             Cause::ClockShifted { .. } => "synchronise the camera, or correct the delay in its driver",
             Cause::Lens { .. } => {
@@ -314,6 +326,12 @@ impl fmt::Display for Cause {
             Cause::ClockShifted { camera, by_ms } => {
                 let how = if *by_ms > 0.0 { "late" } else { "early" };
                 write!(f, "the time stamps of camera {camera} are {:.2} ms {how}", by_ms.abs())
+            }
+            Cause::TimestampsJitter { camera, rms_ms } => {
+                write!(
+                    f,
+                    "the timestamps of camera {camera} jitter by {rms_ms:.2} ms RMS, its exposures do not"
+                )
             }
             Cause::Scale { camera: Some(camera), factor } => {
                 write!(f, "pictures of camera {camera} are scaled by {factor:.5} (its focal length)")

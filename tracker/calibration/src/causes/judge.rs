@@ -1,12 +1,12 @@
 //! Which causes explain what is left in the pictures, and since when.
 
-use super::beside::hides_an_error;
+use super::beside::{hides_an_error, is_complete};
 use super::judgement::{Explanation, Judgement, Verdict};
 use super::measure::{CAP_PX, Left, SLICE_NS, START_NS, measure};
 use super::together::{FOLLOWS, Together};
 use super::trial::{hypotheses, try_all};
 use super::work::Work;
-use super::{Cause, later, lenses, progressive, rest, together, verified};
+use super::{Cause, jitter, later, lenses, progressive, rest, together, verified};
 use protocol::blobs::BlobField;
 use protocol::time::Nanos;
 use rig::Rig;
@@ -189,6 +189,9 @@ fn judge_from(
         let left = measure(rig, &progressive::first_fields(&cause, &stretch));
         return explained(judgement, explanation((cause, left)));
     }
+    if let Some(by) = jitter::detect(rig, &stretch, &before) {
+        return explained(judgement, explanation(by));
+    }
     if !go_on(0, 0) {
         judgement.verdict = Verdict::Stopped;
         judgement.holds = false;
@@ -289,9 +292,11 @@ fn search(
     let was_stopped = found.is_none();
     judgement.tried += if was_stopped { 0 } else { hypotheses.len() };
     let found = found.unwrap_or_default();
-    let noise = together
-        .as_ref()
-        .filter(|t| t.above.is_noise() && before.is_less(FOLLOWED) && !hides_an_error(rig, fields));
+    let is_followed = || {
+        let few_strangers = before.is_less(FOLLOWED) && !hides_an_error(rig, fields);
+        few_strangers || before.is_less((0.0, FOLLOWED.1)) && is_complete(rig, fields)
+    };
+    let noise = together.as_ref().filter(|t| t.above.is_noise() && is_followed());
     // No one cause makes a rig hold where reflections are many: what they leave out is judged by the rest.
     let rest = together.as_ref().filter(|t| !was_stopped && !t.above.is_noise() && followed > FOLLOWED.0);
     let mut singles = alike(before, found.clone());

@@ -51,7 +51,11 @@ pub fn since(
 pub fn mended(rig: &Rig, fields: &[BlobField], cause: &Cause) -> Option<Rig> {
     match cause {
         Cause::CameraMoved { .. } | Cause::MarkerMoved { .. } => places::moved(rig, fields, cause),
-        Cause::CamerasMoved { .. } | Cause::Drifted | Cause::Scale { .. } | Cause::Lens { .. } => None,
+        Cause::CamerasMoved { .. }
+        | Cause::Drifted
+        | Cause::Scale { .. }
+        | Cause::Lens { .. }
+        | Cause::TimestampsJitter { .. } => None,
         _ => Some(amended(rig, cause)),
     }
 }
