@@ -106,7 +106,7 @@ phases! {
         /// Hash of the state.
         Hash = "hash",
         /// The rest of the step: inputs, poses, events, microscope.
-        Misc = "misc",
+        Misc = "other",
         /// The scene block is written and sent.
         Scene = "scene block",
         /// Figures of the step, and events.

@@ -107,9 +107,10 @@ pub struct StepProfile {
 }
 
 impl StepProfile {
-    /// Names of the phases, in the order of [`StepProfile::phases_ns`].
+    /// Names of the phases, in the order of [`StepProfile::phases_ns`]. The last is not called "misc": a report prints the
+    /// paper's table beside them, whose "misc" is more than this phase ([`StepProfile::paper_phases_ns`]).
     pub const PHASES: [&str; 9] =
-        ["collision", "tissue", "bodies", "tools", "vitreous", "task", "hash", "transfer", "misc"];
+        ["collision", "tissue", "bodies", "tools", "vitreous", "task", "hash", "transfer", "other"];
 
     /// Where the time of a phase is added up, ns; that of any other than the step's own in the rest.
     pub fn time_of(&mut self, phase: Phase) -> &mut u64 {

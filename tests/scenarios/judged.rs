@@ -71,7 +71,7 @@ fn stamps_five_milliseconds_off_are_a_clock_in_replay_and_run() {
         let files = Files::new(&shipped(), &shipped(), late_ns);
         let warnings = warned(&files);
         assert!(
-            warnings.contains("the time stamps of camera 1 are") && warnings.contains(named),
+            warnings.contains("the timestamps of camera 1 are") && warnings.contains(named),
             "{warnings}"
         );
         assert!(!warnings.contains("moved"), "{warnings}");

@@ -1,7 +1,7 @@
 //! A rig that is wrong does not stay silent: what is wrong is named, with what helps.
 
 use super::outputs::attempt;
-use vitreo_tests::{instance_name, json, vitreo};
+use vitreo_tests::{instance_name, json, repository, vitreo};
 
 #[test]
 fn a_camera_that_was_moved_is_named_by_replay_and_run() {
@@ -53,4 +53,50 @@ fn a_camera_that_was_moved_is_named_by_replay_and_run() {
     let figures = json(folder.path().join("r.json").as_path());
     let share = figures["figures"]["tracking"]["bodies"]["eye"]["tracked_share"].as_f64();
     assert!(share.is_none_or(|share| share < 0.95), "{share:?}");
+}
+
+/// No warnings of a stream in which nothing could be judged are no assurance.
+#[test]
+fn a_stream_too_short_to_judge_does_not_pass_an_assertion() {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let golden = repository().join("tests/data/golden/peel-2s.mcap").display().to_string();
+    let [blobs, rig, short, stream, record] =
+        ["b.jsonl", "rig.json", "short.jsonl", "s.mcap", "r.mcap"].map(path);
+    vitreo(&["export", &golden, "--blobs", &blobs, "--rig", &rig]).expect_code(0);
+    let text = std::fs::read_to_string(&blobs).expect("a stream");
+    // Three cameras with 50 fields a second: 0.3 s.
+    let lines: Vec<&str> = text.lines().take(45).collect();
+    std::fs::write(&short, lines.join("\n") + "\n").expect("written");
+    vitreo(&["import", "--rig", &rig, &short, "-o", &stream]).expect_code(0);
+    vitreo(&["replay", &stream, "--lockstep"]).expect_code(0);
+    let replay = vitreo(&["replay", &stream, "--lockstep", "--assert-no-warnings"]).expect_code(7);
+    let named = "--assert-no-warnings: the stream is too short, or shows too little, to judge: ";
+    assert!(replay.stderr.contains(named), "{}", replay.stderr);
+    assert!(
+        replay.stderr.contains("blobs after the first 0.3 s, at least 200 are needed"),
+        "{}",
+        replay.stderr
+    );
+    vitreo(&["replay", &golden, "--lockstep", "--assert-no-warnings"]).expect_code(0);
+    // A live run ends with the judgement of its recording; without one only what lasts for 2 s is noticed.
+    let run = |more: &[&str]| {
+        let name = instance_name();
+        let run = [
+            "run",
+            "--no-picture",
+            "--rig",
+            &rig,
+            "--blobs",
+            &short,
+            "--assert-no-warnings",
+            "--instance",
+            &name,
+        ];
+        vitreo(&[&run[..], more].concat()).expect_code(7).stderr
+    };
+    let recorded = run(&["--record", &record]);
+    assert!(recorded.contains(named) && recorded.contains("at least 200 are needed"), "{recorded}");
+    let unrecorded = run(&[]);
+    assert!(unrecorded.contains(named) && unrecorded.contains("at least 2 s are needed"), "{unrecorded}");
 }

@@ -111,7 +111,7 @@ struct Source {
     awaited: Option<mpsc::Receiver<io::Result<TcpStream>>>,
     reader: Reader,
     /// Problems that were reported already.
-    told: BTreeSet<String>,
+    reported: BTreeSet<String>,
     /// Frames that were sent.
     frames: u64,
     /// When the connection was made.
@@ -128,7 +128,7 @@ fn serve(mut driver: Driver, map: &Map, source: &mut Source, stop: &AtomicBool) 
     let begun_ns = now();
     let mut incoming = Incoming::new(map.clone(), begun_ns / 1_000_000);
     (source.heard_ns, source.resumed_ns) = (begun_ns, begun_ns);
-    let mut told = String::new();
+    let mut reported = String::new();
     while !stop.load(Ordering::Relaxed) {
         let mut failed = Ok(());
         source.turn(&mut incoming, |frame| {
@@ -136,13 +136,13 @@ fn serve(mut driver: Driver, map: &Map, source: &mut Source, stop: &AtomicBool) 
                 failed = driver.send_poses(frame);
             }
         });
-        if let Some(trouble) = source.trouble(&incoming, now()).filter(|trouble| *trouble != told) {
+        if let Some(trouble) = source.trouble(&incoming, now()).filter(|trouble| *trouble != reported) {
             driver.tell(!trouble.is_empty(), &trouble);
             match trouble.as_str() {
                 "" => message(Level::INFO, &format!("all transforms come from {}", source.address)),
                 trouble => message(Level::WARN, trouble),
             }
-            told = trouble;
+            reported = trouble;
         }
         match failed.and_then(|()| driver.check()) {
             Ok(()) => {}
@@ -158,13 +158,13 @@ fn serve(mut driver: Driver, map: &Map, source: &mut Source, stop: &AtomicBool) 
 
 impl Source {
     fn new(address: String) -> Self {
-        let (reader, told) = (Reader::default(), BTreeSet::new());
+        let (reader, reported) = (Reader::default(), BTreeSet::new());
         Source {
             address,
             stream: None,
             awaited: None,
             reader,
-            told,
+            reported,
             frames: 0,
             connected_ns: 0,
             heard_ns: 0,
@@ -273,9 +273,9 @@ impl Source {
 
     /// Says something once.
     fn tell(&mut self, text: String) {
-        if self.told.len() < TOLD && !self.told.contains(&text) {
+        if self.reported.len() < TOLD && !self.reported.contains(&text) {
             message(Level::WARN, &text);
-            self.told.insert(text);
+            self.reported.insert(text);
         }
     }
 }

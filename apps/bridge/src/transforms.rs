@@ -66,14 +66,14 @@ pub struct Writer {
     /// The messages of the last frame, whose texts are written over.
     messages: [Message; TRANSFORMS],
     /// What was last said of each transform, and when, where there is no metadata.
-    told: [Option<(ToolStatus, u64)>; TRANSFORMS],
+    last_status: [Option<(ToolStatus, u64)>; TRANSFORMS],
 }
 
 impl Writer {
     /// For a version of the protocol, 1 to 3.
     pub fn new(protocol: u8) -> Self {
         let version = if protocol >= 3 { HeaderVersion::Two } else { HeaderVersion::One };
-        Writer { version, id: 0, messages: NAMES.map(empty), told: [None; TRANSFORMS] }
+        Writer { version, id: 0, messages: NAMES.map(empty), last_status: [None; TRANSFORMS] }
     }
 
     /// Appends the messages of a frame. `offset_ns` is what is added to its instants to get the time since 1970.
@@ -123,7 +123,7 @@ impl Writer {
             status(name, ToolStatus::Missing, "no simulator runs", unix_ns, self.id)
                 .write(self.version, to)?;
         }
-        self.told = [None; TRANSFORMS];
+        self.last_status = [None; TRANSFORMS];
         Ok(())
     }
 
@@ -131,8 +131,8 @@ impl Writer {
     fn tell(&mut self, i: usize, state: ToolStatus, unix_ns: u64, to: &mut Vec<u8>) -> Result<(), TooLong> {
         let is_due =
             |(last, at): (ToolStatus, u64)| last != state || unix_ns.saturating_sub(at) >= STATUS_EVERY_NS;
-        if self.told[i].is_none_or(is_due) {
-            self.told[i] = Some((state, unix_ns));
+        if self.last_status[i].is_none_or(is_due) {
+            self.last_status[i] = Some((state, unix_ns));
             status(NAMES[i], state, state.word(), unix_ns, self.id).write(self.version, to)?;
         }
         Ok(())

@@ -3,7 +3,7 @@
 use crate::folder::{Folder, Outcome};
 use crate::lenses::residual_picture;
 use crate::live::LiveArgs;
-use crate::poses::{Fit, instants, told};
+use crate::poses::{Fit, add_figures, instants};
 use crate::stream::Origin;
 use anyhow::Result;
 use calibration::cli::{LIMIT_PX, drift_report, judged};
@@ -106,7 +106,7 @@ fn holds(folder: &Folder, rig: &Rig, origin: Origin<'_>, outcome: &mut Outcome) 
     record.from = origin.names();
     record.figure("residuals of the stream", format!("{:.3} px", found.rms_px));
     let judgement = judged(rig, &stream.fields);
-    told(&drift_report(rig, &found, LIMIT_PX, &judgement), record);
+    add_figures(&drift_report(rig, &found, LIMIT_PX, &judgement), record);
     if !judgement.holds {
         record.advice.push(judgement.text());
     }

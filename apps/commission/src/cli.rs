@@ -9,7 +9,7 @@ use crate::trocars::{self, TrocarsArgs};
 use crate::{NotBetter, Refused, colours};
 use anyhow::{Result, anyhow};
 use ipc::logging::{LogArgs, inform, warn};
-use outputs::{Force, println};
+use outputs::{Force, println, shell_word};
 use settings::{Program, SettingsArgs};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -145,8 +145,11 @@ fn status(folder: &Folder) -> String {
     };
     let mut lines: Vec<String> = Step::ALL.into_iter().map(line).collect();
     lines.push(match folder.state.next() {
-        Some(step) => format!("next: vitreo commission {shown} {}", step.how()),
-        None => format!("all steps are done: vitreo run --rig {shown}/rig.json; see {shown}/report.html"),
+        Some(step) => format!("next: vitreo commission {} {}", shell_word(&shown), step.how()),
+        None => {
+            let rig = shell_word(format!("{shown}/rig.json"));
+            format!("all steps are done: vitreo run --rig {rig}; see {shown}/report.html")
+        }
     });
     lines.join("\n")
 }

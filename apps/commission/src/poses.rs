@@ -232,7 +232,7 @@ fn better(rig: &Rig, found: &SelfCalibration, report: &Report, stream: &Stream) 
     let record = &mut outcome.record;
     record.summary =
         format!("{:.0} s of waved instruments: residuals {:.3} px", stream.seconds, report.rms_px);
-    told(report, record);
+    add_figures(report, record);
     pictures(rig, &found.residuals, &mut outcome)?;
     outcome.rig = Some(Rig::parse(&found.bundle.rig(rig).to_json(), "of the waved instruments")?);
     Ok(outcome)
@@ -275,7 +275,7 @@ impl std::fmt::Display for Fit {
 }
 
 /// The figures of a report in a record.
-pub(crate) fn told(report: &Report, record: &mut Record) {
+pub(crate) fn add_figures(report: &Report, record: &mut Record) {
     for figure in &report.figures {
         let sigma = figure.sigma.map(|s| format!(" ± {s:.4}")).unwrap_or_default();
         let whole = figure.unit.is_empty() && figure.value.fract() == 0.0;

@@ -2,7 +2,7 @@
 
 use crate::folder::{Folder, Outcome, Record};
 use crate::live::LiveArgs;
-use crate::poses::{Fit, instants, told};
+use crate::poses::{Fit, add_figures, instants};
 use crate::stream::{Origin, Stream};
 use crate::{Refused, refuse};
 use anyhow::{Context, Result};
@@ -58,7 +58,7 @@ pub fn run(folder: &Folder, rig: &Rig, args: &TrocarsArgs) -> Result<Outcome> {
     record.advice.extend(stream.advice());
     note_centre(&centre, record);
     let mut new = rig.clone();
-    told(&pivoted(&mut new, &poses, Some(centre), false)?, record);
+    add_figures(&pivoted(&mut new, &poses, Some(centre), false)?, record);
     record.kept = keep_what_is_better(rig, &mut new, &of_body, record) && !far;
     if far {
         // Computed anew: the centre found above was consumed with the trocars.

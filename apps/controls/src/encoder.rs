@@ -87,10 +87,10 @@ impl Sample {
         }
         let inside = line.strip_prefix(HEAD).ok_or(Bad::Head)?;
         let star = inside.len().checked_sub(5).filter(|&at| inside[at] == b'*').ok_or(Bad::NoChecksum)?;
-        let (fields, told) = (&inside[..star], &inside[star + 1..]);
-        let told = hexadecimal(told).ok_or(Bad::NoChecksum)?;
+        let (fields, checksum) = (&inside[..star], &inside[star + 1..]);
+        let checksum = hexadecimal(checksum).ok_or(Bad::NoChecksum)?;
         // Over everything between $ and *.
-        if crc16(&line[1..HEAD.len() + star]) != told {
+        if crc16(&line[1..HEAD.len() + star]) != checksum {
             return Err(Bad::Checksum);
         }
         let text = std::str::from_utf8(fields).map_err(|_| Bad::Fields)?;

@@ -45,7 +45,7 @@ pub fn run(config: &crate::config::Config) -> Result<()> {
         run_from: None,
         figures: Figures::in_directory(instance.directory()),
         figures_due_ns: 0,
-        told: String::new(),
+        reported: String::new(),
         shell,
         _instance: instance,
     };
@@ -67,7 +67,7 @@ struct Controls {
     figures: Figures,
     figures_due_ns: Nanos,
     /// What the newest heartbeat says.
-    told: String,
+    reported: String,
     /// Keeps the node alive; dropped last.
     _instance: Instance,
 }
@@ -101,10 +101,10 @@ impl Controls {
             ("the handles", self.handles.as_ref().map(|handles| &handles.condition)),
         ]);
         let state = if text.is_empty() { STATE_RUNNING } else { STATE_DEGRADED };
-        if text != self.told {
+        if text != self.reported {
             self.shell.report.state = state;
             self.shell.set_text(&text);
-            self.told = text;
+            self.reported = text;
             self.shell.beat_now(now)?;
         }
         Ok(())

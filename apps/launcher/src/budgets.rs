@@ -184,22 +184,22 @@ impl Stage {
         let beside = |budget| {
             load.map_or(String::new(), |l| format!(" ({:.1} under this load)", l.allowed_ms(budget)))
         };
-        let mut told = vec![];
+        let mut reasons = vec![];
         if self.budget_ms > 0.0 && self.judged_ms > self.budget_ms {
             let Stage { percentile, judged_ms, budget_ms, violations, count, .. } = self;
             let beside = beside(*budget_ms);
-            told.push(format!(
+            reasons.push(format!(
                 "p{percentile} {judged_ms:.1} of {budget_ms} ms{beside}, {violations} of {count} over"
             ));
         }
         if self.mean_budget_ms > 0.0 && self.mean_ms > self.mean_budget_ms {
             let beside = beside(self.mean_budget_ms);
-            told.push(format!("mean {:.1} of {} ms{beside}", self.mean_ms, self.mean_budget_ms));
+            reasons.push(format!("mean {:.1} of {} ms{beside}", self.mean_ms, self.mean_budget_ms));
         }
         if self.below_floor > 0 {
-            told.push(format!("{} of {} frames smaller than 2×320×256", self.below_floor, self.count));
+            reasons.push(format!("{} of {} frames smaller than 2×320×256", self.below_floor, self.count));
         }
-        format!("{} {}", self.stage, told.join(", "))
+        format!("{} {}", self.stage, reasons.join(", "))
     }
 
     /// The figure at the judged percentile and its budget, for a table cell.

@@ -52,7 +52,7 @@ use crate::machine::{allow_open_files, has_display};
 use crate::modules::Composed;
 use crate::runtime::{StopSignal, block_on};
 use anyhow::Context;
-use diagnosis::{is_loss, untracked, warned};
+use diagnosis::{is_loss, unjudged, untracked, warned};
 use ipc::logging::{inform, warn, with_causes};
 use options::{View, open_store};
 use outputs::{Outputs, print};
@@ -106,11 +106,11 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let Closed { mut report, attempts, trace } = session.close(ended_by).await;
     let trace_out = args.outputs.trace.trace_out.as_deref();
     let traced = trace.zip(trace_out).map(|(trace, file)| field_trace::write(&trace, &mut outputs, file));
-    let ran = report.duration_s > 0.0;
-    if ran {
+    let mut shortage = None;
+    if report.duration_s > 0.0 {
         print!("{}", report.text());
         attempts.iter().for_each(|a| print!("{}", attempt_text(a, attempts.len())));
-        likely_cause::print(&mut report, args.is_tracked(), &stop).await;
+        shortage = likely_cause::print(&mut report, args.is_tracked(), &stop).await;
     }
     // The attempt is saved even if the report cannot be written.
     let written =
@@ -121,7 +121,7 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     }
     written?;
     traced.transpose().context("the trace is not written")?;
-    Ok(ExitCode::from(verdict(&report, args, view)))
+    Ok(ExitCode::from(verdict(&report, args, view, shortage.as_deref())))
 }
 
 /// The score of an attempt as text, with its level if there were several attempts.
@@ -239,8 +239,9 @@ fn missing_singly(report: &Report, input_has_gaps: bool) -> Option<(String, bool
     Some((text, is_loss(missing, due)))
 }
 
-/// Prints the reasons for the exit code on standard error and returns the code.
-fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
+/// Prints the reasons for the exit code on standard error and returns the code. `shortage`: what was missing for a
+/// judgement of cameras and rig.
+fn verdict(report: &Report, args: &RunArgs, view: View, shortage: Option<&str>) -> u8 {
     if let Some(problem) = delivery::never_came(args, report) {
         warn(&problem);
         return FAILED;
@@ -260,7 +261,8 @@ fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
         warn(&untracked(body, share, asserted));
         return UNTRACKED;
     }
-    if let Some(warned) = warned(&report.warnings).filter(|_| args.judge.assert_no_warnings) {
+    let warned = warned(&report.warnings).or_else(|| shortage.map(unjudged));
+    if let Some(warned) = warned.filter(|_| args.judge.assert_no_warnings) {
         warn(&warned);
         return WARNED;
     }

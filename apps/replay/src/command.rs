@@ -17,11 +17,11 @@ use crate::verify::Verdict;
 use crate::what_if;
 use anyhow::{Context, bail};
 use collision::backend::Backend;
-use diagnosis::{sentences, untracked, warned};
+use diagnosis::{sentences, unjudged, untracked, warned};
 use ipc::clock::now;
 use ipc::logging::{inform, warn};
 use outputs::exit::{DIFFERS, LOSS, UNTRACKED, WARNED};
-use outputs::println;
+use outputs::{println, shell_word};
 use recording::{Recording, RecordingError, Source};
 use rig::Rig;
 use settings::commands::ReplayArgs;
@@ -85,13 +85,13 @@ fn replay(args: &ReplayArgs, recording: &Recording) -> anyhow::Result<ExitCode> 
         bail!(Stopped);
     }
     if !stopped && stop.is_raised() && judged.is_none() {
-        let file = args.file.display();
+        let file = shell_word(args.file.display());
         warn(&format!(
             "the search for the cause of the residuals was stopped; to continue: vitreo residuals {file} --causes"
         ));
         bail!(Stopped);
     }
-    judge(args, &figures)
+    judge(args, &figures, judged.as_ref())
 }
 
 /// Notes how the recording ends; true if the user stopped the replay before.
@@ -126,7 +126,7 @@ fn check(args: &ReplayArgs, recording: &Recording, desk: bool) -> anyhow::Result
 }
 
 /// The exit code, by what was asserted and compared.
-fn judge(args: &ReplayArgs, figures: &Figures) -> anyhow::Result<ExitCode> {
+fn judge(args: &ReplayArgs, figures: &Figures, judged: Option<&OfLast>) -> anyhow::Result<ExitCode> {
     if let Some(verdict) = figures.verify.as_ref().filter(|v| v.is_empty()) {
         bail!("{}: nothing could be compared: {}", args.file.display(), verdict.reasons.join("; "));
     }
@@ -137,6 +137,12 @@ fn judge(args: &ReplayArgs, figures: &Figures) -> anyhow::Result<ExitCode> {
     }
     if let Some(warned) = warned(&figures.warnings).filter(|_| args.assert_no_warnings) {
         warn(&warned);
+        return Ok(ExitCode::from(WARNED));
+    }
+    // Without anything to judge there are no warnings either.
+    let shortage = judged.and_then(|judged| judged.judgement.shortage());
+    if let Some(shortage) = shortage.filter(|_| args.assert_no_warnings) {
+        warn(&unjudged(&shortage));
         return Ok(ExitCode::from(WARNED));
     }
     Ok(ExitCode::from(code(figures)))

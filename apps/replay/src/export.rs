@@ -117,7 +117,8 @@ impl Tables {
             let whole = poses.into_inner();
             if self.counts[0] == 0 {
                 bail!(
-                    "{file} contains no poses; `vitreo replay {file} --lockstep --poses OUT.csv` computes them"
+                    "{file} contains no poses; `vitreo replay {} --lockstep --poses OUT.csv` computes them",
+                    outputs::shell_word(&file)
                 );
             }
             whole.finish()?;

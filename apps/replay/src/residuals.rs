@@ -115,6 +115,7 @@ fn of_last(args: &ResidualsArgs, recording: &Recording, rig: &Rig, last_s: f64) 
             "causes": judgement,
             "likely_cause": found.paragraph(),
             "warning": judged.as_ref().map(|judged| &judged.warning),
+            "too_little": judgement.shortage(),
             "cameras": judged.as_ref().map(|judged| &judged.cameras),
         });
         println!("{}", serde_json::to_string_pretty(&figures)?);

@@ -156,8 +156,8 @@ fn show(args: &ResultsArgs) -> anyhow::Result<ExitCode> {
     let store = open(&args.place, false)?;
     trainee.as_deref().map_or(Ok(()), |name| check_trainee(&store, &place, name))?;
     let Reading { attempts, damage } = store.read(&Filter { trainee, module, level: args.level })?;
-    let told = [args.plot.is_some(), args.csv.is_some(), args.parquet.is_some()].contains(&true);
-    if !told {
+    let writes_file = [args.plot.is_some(), args.csv.is_some(), args.parquet.is_some()].contains(&true);
+    if !writes_file {
         print!("{}", list(&attempts));
     }
     if let Some(file) = &args.plot {

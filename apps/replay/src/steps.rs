@@ -97,7 +97,7 @@ pub(crate) struct Waiting {
     /// Number of the newest recorded step.
     newest: u64,
     /// Of the steps that were given up, those that were reported.
-    told: u64,
+    reported: u64,
     /// The state from which the run is to go on, once the record of its step has come.
     resume: Option<(CheckpointHeader, SavedState)>,
 }
@@ -158,7 +158,7 @@ impl Steps {
     pub fn begin_here(&mut self) {
         let other_state_hash_version = self.done.other_state_hash_version;
         self.done = Resimulated { other_state_hash_version, ..Resimulated::default() };
-        (self.lost, self.waiting.told) = (None, 0);
+        (self.lost, self.waiting.reported) = (None, 0);
     }
 
     /// No item will come any more.
@@ -196,7 +196,7 @@ impl Steps {
 
     /// Recorded steps that were given up since this was asked last.
     pub fn left_out(&mut self) -> u64 {
-        self.done.undone - std::mem::replace(&mut self.waiting.told, self.done.undone)
+        self.done.undone - std::mem::replace(&mut self.waiting.reported, self.done.undone)
     }
 
     /// False for a step behind others without a record whose state is another than the recorded one: what

@@ -65,9 +65,9 @@ impl Heart {
     pub(crate) fn start(name: &str, processes: &[Process], text: String) -> Result<Self, IpcError> {
         let state = if processes.is_empty() { STATE_STARTING } else { STATE_RUNNING };
         let pulse = Arc::new(Mutex::new(Pulse { state, text, ..Pulse::default() }));
-        let (told, begun) = mpsc::sync_channel(1);
+        let (started, begun) = mpsc::sync_channel(1);
         let (name, processes, shared) = (name.to_owned(), processes.to_vec(), Arc::clone(&pulse));
-        let beat = move || beat(&name, &processes, &shared, &told);
+        let beat = move || beat(&name, &processes, &shared, &started);
         let thread = std::thread::Builder::new().name("vitreo-heart".into()).spawn(beat);
         let failed = |problem: String| IpcError::Transport { channel: "health", operation: "start", problem };
         let thread = thread.map_err(|e| failed(e.to_string()))?;
@@ -97,17 +97,17 @@ impl Drop for Heart {
 }
 
 /// The thread, from its start to the driver's end.
-fn beat(name: &str, processes: &[Process], pulse: &Mutex<Pulse>, told: &SyncSender<Result<(), IpcError>>) {
+fn beat(name: &str, processes: &[Process], pulse: &Mutex<Pulse>, started: &SyncSender<Result<(), IpcError>>) {
     let mut beating = match Beating::join(name, processes) {
         Ok(beating) => beating,
-        Err(error) => return drop(told.send(Err(error))),
+        Err(error) => return drop(started.send(Err(error))),
     };
     // The first beat may fail as any other: the driver then has to stop.
-    let mut first = Some(told);
+    let mut first = Some(started);
     loop {
         let ended = beating.turn(pulse);
-        if let Some(told) = first.take() {
-            drop(told.send(Ok(())));
+        if let Some(started) = first.take() {
+            drop(started.send(Ok(())));
         }
         let why = match ended {
             Ok(why) => why,
@@ -160,10 +160,10 @@ impl Beating {
     /// Beats where it is due, and serves requests. Returns why the driver has to stop, if it has.
     fn turn(&mut self, pulse: &Mutex<Pulse>) -> Result<Option<&'static str>, IpcError> {
         let at = now();
-        let told = lock(pulse).clone();
-        if at >= self.due_ns || told.state != self.state {
-            (self.due_ns, self.state) = (at + HEARTBEAT_NS, told.state);
-            self.beat(&told, at)?;
+        let reported = lock(pulse).clone();
+        if at >= self.due_ns || reported.state != self.state {
+            (self.due_ns, self.state) = (at + HEARTBEAT_NS, reported.state);
+            self.beat(&reported, at)?;
         }
         if at >= self.look_ns {
             self.look_ns = at + LOOK_NS;
@@ -179,15 +179,15 @@ impl Beating {
         Ok(None)
     }
 
-    fn beat(&mut self, told: &Pulse, at: Nanos) -> Result<(), IpcError> {
+    fn beat(&mut self, reported: &Pulse, at: Nanos) -> Result<(), IpcError> {
         for (place, process) in self.processes.iter().enumerate() {
             let mut health: Health = bytemuck::Zeroable::zeroed();
-            let [received, lost, refused] = told.read;
+            let [received, lost, refused] = reported.read;
             (health.instant_ns, health.process, health.pid) = (at, *process as u32, std::process::id());
-            let (state, text) = told.said(place);
-            (health.state, health.sent) = (state, told.sent[place]);
+            let (state, text) = reported.said(place);
+            (health.state, health.sent) = (state, reported.sent[place]);
             (health.received, health.lost) = (received, lost);
-            health.refused = refused + told.refused[place];
+            health.refused = refused + reported.refused[place];
             health.cpu_ns = if place == 0 { ipc::clock::cpu_ns() } else { 0 };
             health.text = text_bytes(&text);
             self.health.send(&health)?;

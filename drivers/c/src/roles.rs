@@ -38,10 +38,10 @@ pub(crate) fn processes(roles: u32) -> impl Iterator<Item = Process> {
 /// Refuses unknown bits, and a value of 0.
 pub(crate) fn check(roles: u32) -> Result<(), Failure> {
     let known = SENDERS.iter().fold(READS, |bits, (bit, _)| bits | bit);
-    let told = |problem: String| Err(failure(Code::Argument, format!("roles {roles:#x}: {problem}")));
+    let refused = |problem: String| Err(failure(Code::Argument, format!("roles {roles:#x}: {problem}")));
     match (roles, roles & !known) {
-        (0, _) => told("expected one or more of VITREO_SENDS_… and VITREO_READS_…".into()),
+        (0, _) => refused("expected one or more of VITREO_SENDS_… and VITREO_READS_…".into()),
         (_, 0) => Ok(()),
-        (_, unknown) => told(format!("bits {unknown:#x} are unknown to this library")),
+        (_, unknown) => refused(format!("bits {unknown:#x} are unknown to this library")),
     }
 }

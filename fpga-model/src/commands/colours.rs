@@ -242,8 +242,9 @@ fn print_shares(file: &str, picture: u64, shares: Vec<(&'static str, f64)>, json
         let shares: BTreeMap<_, _> = shares.into_iter().collect();
         println!("{}", serde_json::json!({ "file": file, "picture": picture, "shares": shares }));
     } else {
-        let told: Vec<String> = shares.iter().map(|(name, s)| format!("{name} {:.2} %", 100.0 * s)).collect();
-        println!("{file}, picture {picture}: {}", told.join(", "));
+        let listed: Vec<String> =
+            shares.iter().map(|(name, s)| format!("{name} {:.2} %", 100.0 * s)).collect();
+        println!("{file}, picture {picture}: {}", listed.join(", "));
     }
 }
 

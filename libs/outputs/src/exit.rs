@@ -12,7 +12,7 @@ pub const BUDGET: u8 = 4;
 pub const DIFFERS: u8 = 5;
 /// A body was tracked in a smaller part of the frames than asserted.
 pub const UNTRACKED: u8 = 6;
-/// There were warnings, although none were asserted.
+/// There were warnings, or too little was judged, although the absence of warnings was asserted.
 pub const WARNED: u8 = 7;
 /// Ended by a signal such as Ctrl-C.
 pub const INTERRUPTED: u8 = 130;

@@ -7,6 +7,7 @@
 //!   crash loses only its end ([`GrowingFile`]).
 //! - Temporary files are in a folder that is deleted when the command ends ([`Scratch`]).
 //! - `-` is standard output. A pipe or a device is written directly. Missing folders are created.
+//! - [`shell_word`] quotes paths in the commands that messages suggest.
 //! - [`print!`] and [`println!`] work like the standard ones, but a closed standard output does not end the
 //!   program ([`standard_output_failure`]).
 
@@ -16,6 +17,7 @@ mod file;
 mod printable;
 pub mod progress;
 mod scratch;
+mod shell_word;
 mod stdout;
 mod video;
 
@@ -23,6 +25,7 @@ pub use claim::{FILM_STILLS, Names, Outputs, STILLS};
 pub use file::{GrowingFile, OutputFile, remove_unfinished, save};
 pub use printable::printable;
 pub use scratch::Scratch;
+pub use shell_word::shell_word;
 pub use stdout::{exit_code, standard_output_failure, write_to_stdout};
 pub use video::{VideoFormat, video_file};
 

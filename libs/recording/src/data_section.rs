@@ -64,8 +64,8 @@ impl DataSection {
     /// The present place; `None` while something that was read waits to be reported, which no place can
     /// hold.
     pub fn place(&self) -> Option<SectionPlace> {
-        let told = self.found.is_none() && self.problems.is_empty();
-        told.then(|| SectionPlace {
+        let all_reported = self.found.is_none() && self.problems.is_empty();
+        all_reported.then(|| SectionPlace {
             offset: self.records.offset,
             crc: self.records.crc.clone(),
             damaged: self.damaged,

@@ -125,10 +125,10 @@ pub fn read<R: ChunkReader + 'static>(from: R) -> Result<ShardTable, ShardError>
     if expected != found {
         return Err(ShardError::Rows { expected, found });
     }
-    let told = notes.get("rows_sha256").ok_or(ShardError::Note("rows_sha256"))?;
+    let digest = notes.get("rows_sha256").ok_or(ShardError::Note("rows_sha256"))?;
     // Tables of earlier builds name no kinds.
     let other_kinds = notes.get("column_kinds").is_some_and(|kinds| *kinds != kinds_of(&table));
-    if *told != digest_of(&table) || other_kinds {
+    if *digest != digest_of(&table) || other_kinds {
         return Err(ShardError::Changed);
     }
     Ok(ShardTable { origin, table })

@@ -177,9 +177,12 @@ fn expected(arg: &Arg, error: &clap::Error, value: &Value) -> String {
         _ => String::new(),
     };
     // The parser's own error is more precise than the type.
-    let told = |cause: &dyn Error| !cause.to_string().contains("invalid digit");
-    let reason =
-        error.source().filter(|cause| told(*cause)).map(|cause| format!(" ({cause})")).unwrap_or_default();
+    let is_precise = |cause: &dyn Error| !cause.to_string().contains("invalid digit");
+    let reason = error
+        .source()
+        .filter(|cause| is_precise(*cause))
+        .map(|cause| format!(" ({cause})"))
+        .unwrap_or_default();
     format!("expected {wanted}, found {value}{suggested}{reason}")
 }
 

@@ -47,8 +47,8 @@ pub fn try_target(target: &Target, seed: u64, limits: Limits, out: &Path) -> Res
     let mut child = command.stdout(Stdio::piped()).spawn().context("own program")?;
     let mut outcome = Outcome::default();
     for line in BufReader::new(child.stdout.take().context("standard output")?).lines() {
-        if let Some(told) = line?.strip_prefix(TELLS).and_then(Outcome::from_line) {
-            outcome = told;
+        if let Some(report) = line?.strip_prefix(TELLS).and_then(Outcome::from_line) {
+            outcome = report;
             show(target, &outcome);
         }
     }

@@ -120,7 +120,7 @@ impl<'a> Engine<'a> {
             self.kept.push(seed);
         }
         let numbers = self.target.layout.map(fields::numbers);
-        let (mut input, mut told) = (Vec::new(), begin);
+        let (mut input, mut reported_at) = (Vec::new(), begin);
         // Clocks cost more than the checks of a small message.
         let batch = if numbers.is_some() { 4096 } else { 1 };
         loop {
@@ -133,8 +133,8 @@ impl<'a> Engine<'a> {
                 Some(numbers) => self.try_blocks(left, numbers, &mut random, &mut input),
                 None => self.try_bytes(&mut random, &mut input),
             }
-            if told.elapsed() >= Duration::from_secs(1) {
-                told = Instant::now();
+            if reported_at.elapsed() >= Duration::from_secs(1) {
+                reported_at = Instant::now();
                 self.measure(begin);
                 progress(&self.outcome);
             }

@@ -69,7 +69,7 @@ pub struct Planted {
 
 /// Sizes of pictures where they are wrong, px.
 const SIZES: [[u32; 2]; 3] = [[640, 480], [768, 576], [1024, 768]];
-/// When time stamps step, as a share of the stream.
+/// When timestamps step, as a share of the stream.
 const STEP: f64 = 0.5;
 /// How far a picture of a moved camera moves, px.
 const MOVED_PX: (f64, f64) = (0.3, 5.0);

@@ -20,6 +20,8 @@ const HOPELESS: f64 = 0.05;
 const FIRST_TERMS: usize = 5;
 /// Most calibrations until the points that agree stay the same.
 const ROUNDS: usize = 8;
+/// Share of the points that must agree with a camera with another lens before the lens is blamed.
+const OTHER_LENS: f64 = 0.9;
 /// The mirrored world fits better if so much smaller residuals, or so many more points, speak for it.
 const MIRRORED: (f64, f64) = (0.7, 1.1);
 
@@ -62,7 +64,8 @@ pub fn calibrate_agreeing(
         let camera = OneCamera { index, before, free, robustness };
         let at = sheets.iter().position(|sheet| sheet.camera == index);
         let samples = at.map_or(&[][..], |at| sheets[at].samples.as_slice());
-        let found = agreeing(&camera, samples, progress);
+        let found = agreeing(&camera, samples, progress)
+            .map_err(|problem| other_lens(&camera, samples, progress).unwrap_or(problem));
         if let (Ok(found), Some(at)) = (&found, at) {
             wrong.extend(found.wrong(at, samples));
             kept.push(TargetView { samples: chosen(samples, &found.points), ..sheets[at].clone() });
@@ -164,6 +167,37 @@ fn agreeing(
             _ => Err(problem),
         },
     }
+}
+
+/// The error of a camera whose points fit no place of it with the given lens, but fit a camera with another lens: the points
+/// are those of the dots then. `None` if they do not, or if no lens was given.
+fn other_lens(
+    camera: &OneCamera<'_>,
+    samples: &[Correspondence],
+    progress: &mut Progress<'_>,
+) -> Option<CalibrationError> {
+    let CameraPrior::Lens(lens) = camera.before else { return None };
+    let [w, h] = lens.size_px;
+    let before = CameraPrior::Size([w, h]);
+    let found = agreeing(&OneCamera { before: &before, ..*camera }, samples, progress).ok()?;
+    let agree = found.points.len();
+    if (agree as f64) < OTHER_LENS * samples.len() as f64 {
+        return None;
+    }
+    let other = &found.calibrated.scene.cameras[0];
+    Some(disagreement(format!(
+        "the lens or the picture size ({w}×{h} px) that the rig has for it does not fit its image points: {agree} of {} \
+         agree with a focal length of {:.0} px instead of {:.0} px and the centre at ({:.0}, {:.0}) px instead of ({:.0}, \
+         {:.0}) px, to {:.2} px rms. Expected the rig of this camera, or --size WIDTHxHEIGHT, to find the lens too",
+        samples.len(),
+        other.focal_px.x,
+        lens.focal_px.x,
+        other.centre_px.x,
+        other.centre_px.y,
+        lens.centre_px.x,
+        lens.centre_px.y,
+        found.calibrated.rms_px
+    )))
 }
 
 /// The error of a list of which `agree` points agree.

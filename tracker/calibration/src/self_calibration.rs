@@ -272,8 +272,8 @@ fn deweighted(field: &BlobField, times: f64) -> BlobField {
     let mut out = *field;
     let count = out.blobs().len();
     for blob in &mut out.blobs[..count] {
-        let told = [blob.var_x_px2, blob.var_y_px2, blob.cov_xy_px2];
-        if told == [DEFAULT_VARIANCE_PX2, DEFAULT_VARIANCE_PX2, 0.0] {
+        let covariance = [blob.var_x_px2, blob.var_y_px2, blob.cov_xy_px2];
+        if covariance == [DEFAULT_VARIANCE_PX2, DEFAULT_VARIANCE_PX2, 0.0] {
             (blob.var_x_px2, blob.var_y_px2) = USUAL_PX2;
         }
         blob.var_x_px2 *= times * times;

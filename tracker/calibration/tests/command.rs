@@ -187,7 +187,7 @@ fn bad_input_is_refused_in_words() {
     let empty = file("empty.jsonl", "");
     let poses = file("poses.csv", "t_ns,body\n");
     let rig = data("tracker/static/rig.json");
-    let cases: [(String, i32, &str); 28] = [
+    let cases: [(String, i32, &str); 29] = [
         ("".into(), 2, "Usage"),
         ("intrinsics --board 9x6".into(), 2, "PICTURE"),
         (format!("intrinsics {left}"), 2, "expected a board: --board COLUMNSxROWS"),
@@ -234,10 +234,11 @@ fn bad_input_is_refused_in_words() {
         (format!("dots --pictures {left} --target {list} --picked {plane}"), 1, "line 1: expected 3 numbers"),
         (format!("waved --rig {rig} {blobs}"), 1, "blobs.jsonl, line 1"),
         (format!("drift --rig {rig} {empty}"), 1, "too little to judge"),
+        (format!("waved --rig {rig} {empty}"), 1, "empty.jsonl: too little to judge: 0 blobs"),
         (
             format!("pivot --rig {rig} {empty}"),
             1,
-            "empty.jsonl: too little to judge: 0 blobs: is it a stream of",
+            "empty.jsonl: too little to judge: 0 blobs after the first 0.3 s, at least 200 are needed: is it a stream of",
         ),
         (format!("pivot --rig {rig} --poses {poses}"), 1, "expected a column x"),
     ];

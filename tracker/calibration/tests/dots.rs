@@ -205,6 +205,25 @@ fn shifted_lists_are_refused_soon() {
     assert!(from.elapsed().as_secs() < 10, "{:?}", from.elapsed());
 }
 
+/// The lists are right, and the rig is that of cameras with another lens or another size of pictures.
+#[test]
+fn a_lens_that_is_not_the_cameras_is_named_instead_of_the_dots() {
+    let files = Files::new();
+    let written = |name: &str, change: &dyn Fn(&mut rig::RigCamera)| {
+        let mut rig = Rig::load(&files.path("rig.json")).unwrap();
+        change(&mut rig.cameras[2]);
+        std::fs::write(files.path(name), rig.to_json()).unwrap();
+    };
+    written("longer.json", &|camera| (camera.fx, camera.fy) = (2.5 * camera.fx, 2.5 * camera.fy));
+    let told = files.refused(&[0, 1, 2], NONE, "--rig longer.json");
+    assert!(told.contains("camera 2 (list2): the lens or the picture size (640×480 px)"), "{told}");
+    assert!(told.contains("instead of 3750 px") && told.contains("--size WIDTHxHEIGHT"), "{told}");
+    assert!(!told.contains("not those of its dots") && !told.contains("camera 0 ("), "{told}");
+    // No lens explains points that are paired with other dots.
+    let told = files.refused(&[0, 1, 2], Flaws { shifted: 13, ..NONE }, "--rig longer.json");
+    assert!(told.contains("not those of its dots") && !told.contains("the lens or the picture"), "{told}");
+}
+
 #[test]
 fn exchanged_lists_are_named() {
     let files = Files::new();

@@ -15,4 +15,4 @@ pub use finding::Finding;
 pub use residual_table::{ResidualRow, ResidualTable};
 pub use summary::{BodySummary, Summary};
 pub use tracking::{BodyFigures, CameraFigures, Tracking, TrackingFigures, untracked};
-pub use watch::{Judged, Warning, Watch, sentences, warned, with_judged};
+pub use watch::{Judged, SHORTEST_S, Warning, Watch, sentences, unjudged, warned, with_judged};

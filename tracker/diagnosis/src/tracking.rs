@@ -20,7 +20,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// Period of the judgement, ns.
-const PERIOD_NS: u64 = 1_000_000_000;
+pub(crate) const PERIOD_NS: u64 = 1_000_000_000;
 /// Frames of a period that are enough to judge it.
 const ENOUGH_FRAMES: u64 = 10;
 /// Frames after which a body that was not tracked once never was: 3 s.

@@ -2,6 +2,7 @@
 
 use crate::Finding;
 use crate::finding::{CHECK_MARKERS, DISAGREE, FASTEN, NEVER, PLACE_OF, RECALIBRATE};
+use crate::tracking::PERIOD_NS;
 use serde::Serialize;
 
 /// Periods in a row for which something must be wrong before it is reported.
@@ -32,7 +33,7 @@ struct Candidate {
     seen: u32,
     absent: u32,
     /// Index of the warning, once it was reported.
-    told: Option<usize>,
+    warning: Option<usize>,
 }
 
 /// Watches a run.
@@ -58,15 +59,15 @@ impl Watch {
                     span_s,
                     seen: 0,
                     absent: 0,
-                    told: None,
+                    warning: None,
                 });
                 self.candidates.len() - 1
             });
             let candidate = &mut self.candidates[index];
             (candidate.seen, candidate.absent) = (candidate.seen + 1, 0);
             (candidate.finding, candidate.span_s[1]) = (finding.clone(), at_s);
-            if candidate.seen >= LASTS && candidate.told.is_none() && self.warnings.len() < KEPT {
-                candidate.told = Some(self.warnings.len());
+            if candidate.seen >= LASTS && candidate.warning.is_none() && self.warnings.len() < KEPT {
+                candidate.warning = Some(self.warnings.len());
                 self.warnings.push(Warning {
                     from_s: candidate.span_s[0],
                     to_s: None,
@@ -78,17 +79,17 @@ impl Watch {
         let present = |c: &Candidate| found.iter().any(|f| f.subject == c.finding.subject);
         for candidate in self.candidates.iter_mut().filter(|c| !present(c)) {
             candidate.absent += 1;
-            if let Some(told) = candidate.told.filter(|_| candidate.absent == OVER) {
-                self.warnings[told].to_s = Some(candidate.span_s[1]);
+            if let Some(warning) = candidate.warning.filter(|_| candidate.absent == OVER) {
+                self.warnings[warning].to_s = Some(candidate.span_s[1]);
             }
         }
-        self.candidates.retain(|c| c.absent < if c.told.is_some() { OVER } else { 1 });
+        self.candidates.retain(|c| c.absent < if c.warning.is_some() { OVER } else { 1 });
         news
     }
 
     /// What is wrong now.
     pub fn present(&self) -> impl Iterator<Item = &Finding> {
-        self.candidates.iter().filter(|c| c.told.is_some()).map(|c| &c.finding)
+        self.candidates.iter().filter(|c| c.warning.is_some()).map(|c| &c.finding)
     }
 
     /// Everything that was reported.
@@ -168,6 +169,14 @@ pub fn sentences(warnings: &[Warning], stated: Option<&Finding>) -> Vec<String> 
         Some(format!("from {:.0} s to {to}: {}", warning.from_s, text(&warning.finding)?))
     };
     warnings.iter().filter_map(sentence).collect()
+}
+
+/// Least length of a run in which a problem can be reported, s: it must last for [`LASTS`] periods.
+pub const SHORTEST_S: f64 = LASTS as f64 * PERIOD_NS as f64 * 1e-9;
+
+/// Says that no warnings were asserted and nothing was judged. `shortage`: what there was, and what is needed.
+pub fn unjudged(shortage: &str) -> String {
+    format!("--assert-no-warnings: the stream is too short, or shows too little, to judge: {shortage}")
 }
 
 /// Says how many warnings there were, and the first of them; `None` without any.

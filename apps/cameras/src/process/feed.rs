@@ -237,8 +237,8 @@ impl Feed {
     /// Takes in what the reader has brought, up to a picture that waits for its instant.
     pub(crate) fn listen(&mut self, now: Nanos) {
         while self.held.is_none() {
-            let Ok(told) = self.inbox.try_recv() else { return };
-            match told {
+            let Ok(report) = self.inbox.try_recv() else { return };
+            match report {
                 Told::Opened { is_file, settings, note } => {
                     (self.is_file, self.settings) = (Some(is_file), settings);
                     if let Some(note) = note {

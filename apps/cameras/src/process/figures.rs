@@ -9,12 +9,12 @@ use std::path::{Path, PathBuf};
 pub(super) struct Figures {
     path: PathBuf,
     /// A failure was reported.
-    told: bool,
+    failure_reported: bool,
 }
 
 impl Figures {
     pub(super) fn in_directory(directory: &Path) -> Self {
-        Figures { path: directory.join(DELIVERIES_FILE), told: false }
+        Figures { path: directory.join(DELIVERIES_FILE), failure_reported: false }
     }
 
     /// What a predecessor in this instance left; `None` where there was none.
@@ -25,8 +25,9 @@ impl Figures {
 
     /// Keeps them, whole or not at all.
     pub(super) fn keep(&mut self, deliveries: &Deliveries) {
-        if let (Err(problem), false) = (ipc::write_whole_json(&self.path, deliveries), self.told) {
-            self.told = true;
+        if let (Err(problem), false) = (ipc::write_whole_json(&self.path, deliveries), self.failure_reported)
+        {
+            self.failure_reported = true;
             tracing::warn!("the statistics of the cameras cannot be written: {problem}");
         }
     }

@@ -37,8 +37,8 @@ impl Line {
     }
 
     /// Waits where the process is not ready for more; an error where it is gone.
-    pub(super) fn tell(&self, told: Told) -> Result<()> {
-        self.outbox.send(told).map_err(|_| anyhow!("the receiver has ended"))?;
+    pub(super) fn tell(&self, report: Told) -> Result<()> {
+        self.outbox.send(report).map_err(|_| anyhow!("the receiver has ended"))?;
         self.rope.ring();
         Ok(())
     }

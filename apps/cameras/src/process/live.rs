@@ -58,15 +58,15 @@ impl LiveReader {
         let mut is_away = false;
         loop {
             // A camera that stays away is reported once.
-            let (told, is_news) = match self.read() {
+            let (report, is_news) = match self.read() {
                 Ok(End::Stopped) => return,
                 // Where pictures are awaited, the silence has been reported.
                 Ok(End::Silent) => continue,
                 Ok(End::Unplugged { was_open }) => (Told::Closed, was_open || !is_away),
                 Err(problem) => (Told::Refused(format!("{problem:#}")), true),
             };
-            is_away = matches!(told, Told::Closed);
-            if is_news && self.line.tell(told).is_err() {
+            is_away = matches!(report, Told::Closed);
+            if is_news && self.line.tell(report).is_err() {
                 return;
             }
             self.line.pause();
@@ -89,9 +89,9 @@ impl LiveReader {
             match self.next(&mut *device, &layout, &mut course) {
                 Ok(None) if silent == ROUNDS_SILENT && !self.is_triggered => return Ok(End::Silent),
                 Ok(None) => silent = ROUNDS_SILENT.min(silent + 1),
-                Ok(Some(told)) => {
+                Ok(Some(report)) => {
                     silent = 0;
-                    self.line.tell(told)?;
+                    self.line.tell(report)?;
                 }
                 Err(problem) if problem.downcast_ref().is_some_and(is_gone) => {
                     return Ok(End::Unplugged { was_open: true });
@@ -106,14 +106,14 @@ impl LiveReader {
     fn next(&self, device: &mut dyn Device, layout: &Layout, course: &mut Course) -> Result<Option<Told>> {
         match device.next(LOOK_MS) {
             Ok(None) => Ok(None),
-            Ok(Some(buffer)) => self.told(&buffer, layout, course).map(Some),
+            Ok(Some(buffer)) => self.report(&buffer, layout, course).map(Some),
             Err(e) if matches!(e.kind(), ErrorKind::Interrupted | ErrorKind::WouldBlock) => Ok(None),
             Err(e) if is_gone(&e) => Err(e.into()),
             Err(e) => bail!("fails: {e}"),
         }
     }
 
-    fn told(&self, buffer: &Buffer<'_>, layout: &Layout, course: &mut Course) -> Result<Told> {
+    fn report(&self, buffer: &Buffer<'_>, layout: &Layout, course: &mut Course) -> Result<Told> {
         let (arrived_ns, wall_ns) = (self.clock)();
         let parts = self.role.parts(layout, buffer.field)?;
         let stamps = course.stamps.get_or_insert_with(|| self.stamps(&parts));

@@ -75,14 +75,14 @@ impl Reader {
     /// Reads until a file is over or the process ends.
     pub(super) fn run(self) {
         loop {
-            let told = match self.read_source() {
+            let report = match self.read_source() {
                 Ok(End::Closed) => Told::Closed,
                 Ok(End::Over(why)) => return drop(self.line.tell(Told::Over(why))),
                 Ok(End::Stopped) => return,
                 Err(problem) => Told::Refused(format!("{problem:#}")),
             };
-            let refused = matches!(told, Told::Refused(_));
-            if self.line.tell(told).is_err() {
+            let refused = matches!(report, Told::Refused(_));
+            if self.line.tell(report).is_err() {
                 return;
             }
             if refused {

@@ -70,8 +70,8 @@ pub fn run(args: &HandlesArgs) -> Result<()> {
     outputs::println!(
         "{} is written; vitreo run --rig {} --handles {}",
         output.display(),
-        output.display(),
-        args.handles
+        outputs::shell_word(output.display()),
+        outputs::shell_word(&args.handles)
     );
     Ok(())
 }

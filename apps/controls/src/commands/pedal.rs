@@ -71,11 +71,14 @@ pub fn run(args: &PedalArgs) -> Result<()> {
                 Walk { pedal: &mut pedal, person: &mut person, name: args.pedal.to_string() }.learn()?;
             outputs.write(file, learnt.to_toml())?;
             outputs::println!(
-                "{} is written; vitreo run --pedal {}{},{}",
+                "{} is written; vitreo run --pedal {}",
                 file.display(),
-                args.pedal.interface.prefix(),
-                args.pedal.path.display(),
-                file.display()
+                outputs::shell_word(format!(
+                    "{}{},{}",
+                    args.pedal.interface.prefix(),
+                    args.pedal.path.display(),
+                    file.display()
+                ))
             );
             Ok(())
         }

@@ -143,8 +143,8 @@ impl PedalDevice {
             self.bad += u64::from(reader.forget());
         }
         let Some(mapping) = &self.mapping else {
-            let told = "does not describe its axes: give a mapping, evdev:PATH,MAPPING";
-            return if self.needs_mapping { Err(told.into()) } else { Ok(()) };
+            let problem = "does not describe its axes: give a mapping, evdev:PATH,MAPPING";
+            return if self.needs_mapping { Err(problem.into()) } else { Ok(()) };
         };
         match mapping.without_range(&self.inputs) {
             Some(input) => Err(format!(

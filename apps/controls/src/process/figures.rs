@@ -7,18 +7,18 @@ use std::path::{Path, PathBuf};
 pub(super) struct Figures {
     path: PathBuf,
     /// A failure was reported.
-    told: bool,
+    failure_reported: bool,
 }
 
 impl Figures {
     pub(super) fn in_directory(directory: &Path) -> Self {
-        Figures { path: directory.join(CONTROLS_FILE), told: false }
+        Figures { path: directory.join(CONTROLS_FILE), failure_reported: false }
     }
 
     /// Keeps them, whole or not at all.
     pub(super) fn keep(&mut self, controls: &[ControlFigures]) {
-        if let (Err(problem), false) = (ipc::write_whole_json(&self.path, &controls), self.told) {
-            self.told = true;
+        if let (Err(problem), false) = (ipc::write_whole_json(&self.path, &controls), self.failure_reported) {
+            self.failure_reported = true;
             tracing::warn!("the statistics of pedal and handles cannot be written: {problem}");
         }
     }

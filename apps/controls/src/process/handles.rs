@@ -73,7 +73,8 @@ impl HandlesFeed {
         ensure!(
             !rig.handles.is_empty(),
             "--handles: the rig has no section `handles`, which says how far jaws open: write it with vitreo handles \
-             {spec} --calibrate RIG.json -o NEW.json"
+             {} --calibrate RIG.json -o NEW.json",
+            outputs::shell_word(spec)
         );
         let hand = |i: usize| {
             let encoder = rig.handle(i as u32).copied();

@@ -30,8 +30,8 @@ pub fn raise_this_thread() -> anyhow::Result<()> {
     let mut raise = Command::new("chrt");
     raise.args(["--rr", "--pid", REALTIME_PRIORITY, &thread]);
     let raised = raise.stdin(Stdio::null()).output().context("chrt")?;
-    let told = String::from_utf8_lossy(&raised.stderr).trim().to_owned();
-    ensure!(raised.status.success(), "real-time scheduling is refused: {told}");
+    let message = String::from_utf8_lossy(&raised.stderr).trim().to_owned();
+    ensure!(raised.status.success(), "real-time scheduling is refused: {message}");
     Ok(())
 }
 

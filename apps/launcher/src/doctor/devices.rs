@@ -1,6 +1,7 @@
 //! Checks for cameras, gamepads, pedals and serial ports, and for this user's access to them.
 
 use super::Check;
+use outputs::shell_word;
 use rustix::fs::{Access, access};
 use std::fs;
 use std::os::unix::fs::MetadataExt;
@@ -61,7 +62,7 @@ pub(super) fn remedy(path: &Path) -> String {
         about.filter(|m| m.gid() > 0 && m.mode() & 0o040 != 0).and_then(|m| name_of(&groups, m.gid()));
     match group {
         Some(group) => format!("sudo usermod -aG {group} $USER   (then log in again)"),
-        None => format!("sudo chown $USER {}   (until the next start)", path.display()),
+        None => format!("sudo chown $USER {}   (until the next start)", shell_word(path.display())),
     }
 }
 

@@ -7,6 +7,7 @@ use crate::machine::has_display;
 use crate::programs::SETTINGS;
 use crate::run::RunArgs;
 use clap::{CommandFactory, FromArgMatches};
+use outputs::shell_word;
 use rig::Rig;
 use rustix::fs::{Access, access};
 use settings::Refusal;
@@ -91,9 +92,14 @@ fn rig_file(run: &RunArgs) -> (Check, Option<Rig>) {
             let found = format!("{}: {cameras} cameras at {rate} Hz", path.display());
             (Check::ok(NAME, found), Some(rig))
         }
-        Err(problem) => {
-            (Check::fail(NAME, problem.to_string(), format!("vitreo rig check {}", path.display())), None)
-        }
+        Err(problem) => (
+            Check::fail(
+                NAME,
+                problem.to_string(),
+                format!("vitreo rig check {}", shell_word(path.display())),
+            ),
+            None,
+        ),
     }
 }
 

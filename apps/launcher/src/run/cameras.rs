@@ -100,12 +100,12 @@ fn check_program(program: &Path) -> anyhow::Result<()> {
 /// Waits until real cameras are configured and connected, and logs what is missing. Returns false if `stop`
 /// is raised first.
 pub async fn wait(args: &RunArgs, stop: &StopSignal) -> bool {
-    let mut told: Option<(String, Instant)> = None;
+    let mut reported: Option<(String, Instant)> = None;
     while let Some(reason) = missing(args.real.cameras.as_ref(), args.rig.rig.as_deref()) {
-        let known = told.as_ref().is_some_and(|(text, at)| *text == reason && at.elapsed() < REMINDER);
+        let known = reported.as_ref().is_some_and(|(text, at)| *text == reason && at.elapsed() < REMINDER);
         if !known {
             warn(&format!("waiting to start: {reason}"));
-            told = Some((reason, Instant::now()));
+            reported = Some((reason, Instant::now()));
         }
         tokio::select! {
             () = sleep(LOOK) => {}

@@ -3,6 +3,7 @@
 use super::options::RunArgs;
 use crate::exit::WrongUse;
 use anyhow::{Context, ensure};
+use outputs::shell_word;
 use protocol::controls::{CONTROLS_FILE, ControlFigures};
 use protocol::file::{MAX_SETTINGS_BYTES, read_text};
 use protocol::handles::ControlChannels;
@@ -49,7 +50,7 @@ pub fn check(args: &RunArgs) -> anyhow::Result<()> {
     let Some(handles) = &args.controls.handles else { return Ok(()) };
     check_device("--handles", &handles.path)?;
     if Rig::load_or_shipped(args.rig.rig.as_deref()).context("--rig")?.handles.is_empty() {
-        let how = format!("vitreo handles {handles} --calibrate RIG.json -o NEW.json");
+        let how = format!("vitreo handles {} --calibrate RIG.json -o NEW.json", shell_word(handles));
         let problem =
             format!("--handles: the rig has no section handles, the calibration of the jaws: {how}");
         return Err(WrongUse(problem).into());

@@ -6,10 +6,10 @@ use super::report::Report;
 use crate::programs::REPLAY;
 use crate::runtime::StopSignal;
 use anyhow::{Context, bail};
-use diagnosis::{Finding, Judged, Warning, with_judged};
+use diagnosis::{Finding, Judged, SHORTEST_S, Warning, with_judged};
 use ipc::logging::{arguments, warn};
 use ipc::programs::command;
-use outputs::println;
+use outputs::{println, shell_word};
 use serde_json::Value;
 use std::path::Path;
 use std::process::Stdio;
@@ -32,35 +32,45 @@ const TRACKED_SHARE: f64 = 0.9;
 
 /// Result of the search.
 enum Found {
-    /// Text and warning; both `None` if the rig is consistent.
-    Said(Option<String>, Option<Judged>),
+    /// Text and warning; both `None` if the rig is consistent. `too_little`: what was missing for a judgement.
+    Said { text: Option<String>, warning: Option<Judged>, too_little: Option<String> },
     /// The search ran out of time or was interrupted.
     TimedOut,
 }
 
 /// Prints the likely cause of a run's residuals, if there is one, and adds it to the warnings of the report.
-/// `has_cameras`: the poses come from the tracker.
-pub async fn print(report: &mut Report, has_cameras: bool, stop: &StopSignal) {
+/// `has_cameras`: the poses come from the tracker. Returns what was missing for a judgement, if nothing was judged.
+pub async fn print(report: &mut Report, has_cameras: bool, stop: &StopSignal) -> Option<String> {
+    let too_short = too_short(report.duration_s);
     if !has_cameras || report.tracking.frames == 0 {
-        return;
+        return too_short;
     }
     let Some(recording) = report.recording.as_ref().filter(|r| r.problem.is_none()) else {
-        return print_how_to_find(report);
+        print_how_to_find(report);
+        return too_short;
     };
     match search(Path::new(&recording.file), stop).await {
-        Ok(Found::Said(said, warning)) => {
-            said.iter().for_each(|text| println!("{text}"));
+        Ok(Found::Said { text, warning, too_little }) => {
+            text.iter().for_each(|text| println!("{text}"));
             report.warnings = with_judged(std::mem::take(&mut report.warnings), warning);
+            return too_little;
         }
         Ok(Found::TimedOut) if is_suspect(report) => {
             println!(
                 "the search for the cause of the residuals was stopped; to continue: vitreo residuals {} --causes",
-                recording.file
+                shell_word(&recording.file)
             );
         }
         Ok(Found::TimedOut) => {}
         Err(problem) => warn(&format!("the cause of residuals: {problem:#}")),
     }
+    too_short
+}
+
+/// What a run of this length lacks for the warnings that appear while it runs.
+fn too_short(duration_s: f64) -> Option<String> {
+    (duration_s < SHORTEST_S)
+        .then(|| format!("a run of {duration_s:.1} s, at least {SHORTEST_S:.0} s are needed"))
 }
 
 /// True if residuals or tracked share are worse than those of a well-calibrated rig.
@@ -108,7 +118,9 @@ async fn search(file: &Path, stop: &StopSignal) -> anyhow::Result<Found> {
     if figures["causes"]["verdict"] == "stopped" {
         return Ok(Found::TimedOut);
     }
-    Ok(Found::Said(figures["likely_cause"].as_str().map(str::to_owned), judged_of(&figures)))
+    let text = |key: &str| figures[key].as_str().map(str::to_owned);
+    let (text, too_little) = (text("likely_cause"), text("too_little"));
+    Ok(Found::Said { text, warning: judged_of(&figures), too_little })
 }
 
 /// Parses a judgement as `vitreo-replay` writes it.

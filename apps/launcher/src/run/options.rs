@@ -57,9 +57,19 @@ pub struct RunArgs {
     /// Name of this simulator; several can run side by side under different names.
     #[arg(long, value_name = "NAME", default_value = "main")]
     pub instance: String,
+    // The help has the groups in this order: those that most runs use come first.
+    /// Outputs.
+    #[command(flatten)]
+    pub outputs: OutputArgs,
+    /// The picture.
+    #[command(flatten)]
+    pub view: ViewArgs,
     /// The module that is trained.
     #[command(flatten)]
     pub training: TrainingArgs,
+    /// Checks.
+    #[command(flatten)]
+    pub judge: JudgeArgs,
     /// The real cameras.
     #[command(flatten)]
     pub real: RealCamerasArgs,
@@ -72,15 +82,6 @@ pub struct RunArgs {
     /// The real pedal and handles.
     #[command(flatten)]
     pub controls: ControlsArgs,
-    /// The picture.
-    #[command(flatten)]
-    pub view: ViewArgs,
-    /// Outputs.
-    #[command(flatten)]
-    pub outputs: OutputArgs,
-    /// Checks.
-    #[command(flatten)]
-    pub judge: JudgeArgs,
     /// Back end of collision detection.
     #[command(flatten)]
     pub collision: CollisionArgs,
@@ -218,7 +219,7 @@ pub struct JudgeArgs {
     /// Exit with code 6 if a body was tracked in a smaller fraction of the frames, 0 to 1.
     #[arg(long, value_name = "FRACTION", value_parser = share, allow_negative_numbers = true)]
     pub assert_tracking: Option<f64>,
-    /// Exit with code 7 if the report has warnings about cameras, rig or tracking.
+    /// Exit with code 7 if the report has warnings about cameras, rig or tracking, or too little was seen to judge them.
     #[arg(long)]
     pub assert_no_warnings: bool,
     /// File of latency budgets that replace the shipped ones.

@@ -118,16 +118,16 @@ impl Running<'_> {
     pub fn finish(mut self, stop: &StopSignal) -> anyhow::Result<Ended> {
         let status = self.child.wait(stop, None)?.context("it has ended")?;
         let build = self.build;
-        let told = self.child.told();
+        let last_output = self.child.last_output();
         let ended = match (status.code(), status.signal()) {
             (Some(0), _) => Ended::Well,
             (Some(code), _) if code == i32::from(LOSS) => Ended::WithLoss,
-            (Some(code), _) => bail!("{build}: failed with exit code {code}{told}"),
-            (None, Some(signal)) => bail!("{build}: crashed, by signal {signal}{told}"),
-            (None, None) => bail!("{build}: ended without an exit code{told}"),
+            (Some(code), _) => bail!("{build}: failed with exit code {code}{last_output}"),
+            (None, Some(signal)) => bail!("{build}: crashed, by signal {signal}{last_output}"),
+            (None, None) => bail!("{build}: ended without an exit code{last_output}"),
         };
         if !self.output.is_file() {
-            bail!("{build}: exited successfully without writing a recording{told}");
+            bail!("{build}: exited successfully without writing a recording{last_output}");
         }
         Ok(ended)
     }
@@ -144,7 +144,7 @@ fn answer(program: &Path, words: &[&str], stop: &StopSignal) -> anyhow::Result<S
         bail!("--with: {name}: no answer after {} s", ANSWER.as_secs());
     };
     if !status.success() {
-        bail!(WrongUse(format!("--with: {name}: failed ({status}): is it vitreo?{}", child.told())));
+        bail!(WrongUse(format!("--with: {name}: failed ({status}): is it vitreo?{}", child.last_output())));
     }
     let said = said.and_then(|said| said.recv_timeout(ARRIVAL).ok());
     Ok(String::from_utf8_lossy(&said.unwrap_or_default()).into_owned())
@@ -187,7 +187,7 @@ impl Group {
     }
 
     /// The last lines that it wrote to standard error, behind a colon; once it has ended.
-    fn told(&self) -> String {
+    fn last_output(&self) -> String {
         let bytes = self.errors.recv_timeout(ARRIVAL).unwrap_or_default();
         let text = String::from_utf8_lossy(&bytes).into_owned();
         let lines: Vec<_> = text.lines().map(str::trim).filter(|line| !line.is_empty()).collect();

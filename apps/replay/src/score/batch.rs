@@ -297,9 +297,9 @@ fn named(attempt: results::Attempt, address: String) -> results::Attempt {
 }
 
 /// The row of a recording without a score.
-fn unscored(path: &Path, sha256: Option<String>, told: &str) -> Row {
+fn unscored(path: &Path, sha256: Option<String>, message: &str) -> Row {
     // The row names the file already.
-    let problem = told.strip_prefix(&format!("{}: ", path.display())).unwrap_or(told).to_owned();
+    let problem = message.strip_prefix(&format!("{}: ", path.display())).unwrap_or(message).to_owned();
     Row { file: path.into(), problem: Some(problem), sha256, ..Row::default() }
 }
 

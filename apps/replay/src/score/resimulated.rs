@@ -28,14 +28,14 @@ pub fn score(file: &Path) -> anyhow::Result<ScoredRecording> {
     let done = done.with_context(refused)?;
     let gaps = tell(file, &done) == LOSS;
     // The score of the live run stands in the recording; here is that of the new steps.
-    let told = score_file(file)?;
-    let scored = ScoredRecording::new(&recording, &scene, reader.finish(), told.seconds);
-    let agrees = agrees_again(&told, scored.score.total);
+    let recorded = score_file(file)?;
+    let scored = ScoredRecording::new(&recording, &scene, reader.finish(), recorded.seconds);
+    let agrees = agrees_again(&recorded, scored.score.total);
     Ok(ScoredRecording {
         other_state_hash_version: recording.provenance().other_state_hash_version(),
-        live_total: told.live_total,
+        live_total: recorded.live_total,
         agrees,
-        damage: told
+        damage: recorded
             .damage
             .or_else(|| gaps.then(|| format!("{}: inputs of steps are missing", file.display()))),
         ..scored
@@ -44,8 +44,8 @@ pub fn score(file: &Path) -> anyhow::Result<ScoredRecording> {
 
 /// Whether new steps lead to the score that the live run published; `None` where that is of another
 /// version of the score, or there is none.
-fn agrees_again(told: &ScoredRecording, total: f64) -> Option<bool> {
-    told.agrees.and(told.live_total).map(|live| live.to_bits() == total.to_bits())
+fn agrees_again(recorded: &ScoredRecording, total: f64) -> Option<bool> {
+    recorded.agrees.and(recorded.live_total).map(|live| live.to_bits() == total.to_bits())
 }
 
 #[cfg(test)]

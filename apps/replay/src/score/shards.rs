@@ -107,7 +107,7 @@ impl<'s> Place<'s> {
                 let file = file.map_err(anyhow::Error::from);
                 let written = file.and_then(|file| save(file, |out| write(&name, out)));
                 let taken = |e: &anyhow::Error| matches!(e.downcast_ref(), Some(OutputError::Exists { .. }));
-                told(written, taken)
+                written_or_taken(written, taken)
             }
             At::Below(address) => {
                 let mut bytes = Vec::new();
@@ -115,7 +115,7 @@ impl<'s> Place<'s> {
                 let put =
                     self.store.put(&address.below(&origin.shard.file_name()), bytes, outputs.is_forced());
                 let taken = |e: &anyhow::Error| matches!(e.downcast_ref(), Some(ObjectError::Exists(_)));
-                told(put.map_err(Into::into), taken)
+                written_or_taken(put.map_err(Into::into), taken)
             }
         }
     }
@@ -153,7 +153,10 @@ impl<'s> Place<'s> {
 trait WriteSend: std::io::Write + Send {}
 impl<W: std::io::Write + Send> WriteSend for W {}
 
-fn told(written: anyhow::Result<()>, taken: impl Fn(&anyhow::Error) -> bool) -> anyhow::Result<Written> {
+fn written_or_taken(
+    written: anyhow::Result<()>,
+    taken: impl Fn(&anyhow::Error) -> bool,
+) -> anyhow::Result<Written> {
     match written {
         Ok(()) => Ok(Written::Now),
         Err(problem) if taken(&problem) => Ok(Written::Before),

@@ -27,7 +27,7 @@ pub(super) struct Keeper {
     time: File,
     standing: PathBuf,
     /// A failure was reported.
-    told: bool,
+    failure_reported: bool,
 }
 
 fn names(directory: &Path) -> [PathBuf; 2] {
@@ -47,7 +47,7 @@ impl Keeper {
     pub(super) fn open(directory: &Path) -> io::Result<Self> {
         let [time, standing] = names(directory);
         let time = File::options().write(true).create(true).truncate(false).open(time)?;
-        Ok(Keeper { time, standing, told: false })
+        Ok(Keeper { time, standing, failure_reported: false })
     }
 
     /// Keeps the time of an exposure, ns after the start.
@@ -62,8 +62,8 @@ impl Keeper {
     }
 
     fn tell(&mut self, kept: io::Result<()>) {
-        if let (Err(problem), false) = (kept, self.told) {
-            self.told = true;
+        if let (Err(problem), false) = (kept, self.failure_reported) {
+            self.failure_reported = true;
             tracing::warn!("the script's state cannot be saved, so a restart would start it over: {problem}");
         }
     }

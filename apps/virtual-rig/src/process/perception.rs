@@ -37,9 +37,9 @@ impl PerceptionInput {
         while let Some(event) = self.events.next_valid()? {
             self.newest.take_event(&event);
         }
-        let told = self.newest.goals_reached() != before;
+        let goals_changed = self.newest.goals_reached() != before;
         if !surgeon.perceives_now(exposed_ns) {
-            return Ok(told);
+            return Ok(goals_changed);
         }
         if let Some(sample) = self.scenes.receive()? {
             self.newest.take_scene(sample.header(), sample.payload());
@@ -48,6 +48,6 @@ impl PerceptionInput {
         if self.any {
             surgeon.see(exposed_ns, &self.newest);
         }
-        Ok(told || self.any)
+        Ok(goals_changed || self.any)
     }
 }

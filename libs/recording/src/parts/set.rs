@@ -31,7 +31,7 @@ impl Found {
     fn open(path: PathBuf) -> (Self, Option<RecordingError>) {
         let number = split_name(&path).map_or(0, |(_, number)| number);
         let opened = Opened::of(&path);
-        let told = |error: &RecordingError| {
+        let reason = |error: &RecordingError| {
             let text = error.to_string();
             text.strip_prefix(&format!("{}: ", path.display())).map(str::to_owned).unwrap_or(text)
         };
@@ -40,7 +40,7 @@ impl Found {
                 Some(part) => (Found { number: part.number, path, opened: Ok((opened, part)) }, None),
                 None => (Found { number, path, opened: Err("is a separate recording".into()) }, None),
             },
-            Err(error) => (Found { number, opened: Err(told(&error)), path }, Some(error)),
+            Err(error) => (Found { number, opened: Err(reason(&error)), path }, Some(error)),
         }
     }
 

@@ -41,7 +41,7 @@ pub struct ReplayArgs {
     /// version of tracker or state hash); 1: nothing to compare.
     #[arg(long, help_heading = "Checks")]
     pub verify: bool,
-    /// Write the poses.
+    /// Write the poses. For those of a what-if (--rig, --scene, --set), record it with --output and replay that recording.
     #[arg(long, value_name = "OUT.csv", help_heading = "Outputs")]
     pub poses: Option<PathBuf>,
     /// Add poses predicted for a display of this rate, Hz.
@@ -89,7 +89,7 @@ pub struct ReplayArgs {
     /// Exit with code 6 if a body was tracked in a smaller fraction of the frames, 0 to 1.
     #[arg(long, value_name = "FRACTION", value_parser = share, allow_negative_numbers = true, help_heading = "Checks")]
     pub assert_tracking: Option<f64>,
-    /// Exit with code 7 if the report has warnings about cameras, rig or tracking.
+    /// Exit with code 7 if the report has warnings about cameras, rig or tracking, or too little was seen to judge them.
     #[arg(long, help_heading = "Checks")]
     pub assert_no_warnings: bool,
     /// Write statistics of the replay as JSON; with --with, the comparison.

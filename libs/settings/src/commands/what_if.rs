@@ -31,13 +31,13 @@ pub const NOT_WITH_OUTPUT: [&str; 10] = [
 /// Changes of a what-if.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct WhatIfArgs {
-    /// Track with this rig instead of the recorded one.
+    /// Track with this rig instead of the recorded one; needs --output.
     #[arg(long, value_name = "RIG.json", requires = "output", conflicts_with_all = NOT_WITH_OUTPUT, help_heading = "What if")]
     pub rig: Option<PathBuf>,
-    /// Simulate this scene, shipped or from a file, instead of the recorded one.
+    /// Simulate this scene, shipped or from a file, instead of the recorded one; needs --output.
     #[arg(long, value_name = "NAME|FILE", requires = "output", conflicts_with_all = NOT_WITH_OUTPUT, help_heading = "What if")]
     pub scene: Option<String>,
-    /// Change constants of the tracker (tracker.KEY) or the scene (scene.KEY); vitreo settings lists them.
+    /// Change constants of the tracker (tracker.KEY) or the scene (scene.KEY); vitreo settings lists them. Needs --output.
     #[arg(long, value_name = "KEY=VALUE,…", value_delimiter = ',', value_parser = assignment,
         requires = "output", conflicts_with_all = NOT_WITH_OUTPUT, help_heading = "What if")]
     pub set: Vec<Assignment>,

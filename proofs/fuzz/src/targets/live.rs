@@ -56,8 +56,8 @@ fn live(bytes: &[u8]) {
     }
     let _ = stream.writer_gone(at, |heard| hear(heard, at));
     let figures = stream.figures();
-    let told = figures.fields + figures.bad + figures.doubtful + figures.out_of_order;
-    assert_eq!(told, figures.lines, "{figures:?}");
+    let counted = figures.fields + figures.bad + figures.doubtful + figures.out_of_order;
+    assert_eq!(counted, figures.lines, "{figures:?}");
 }
 
 /// A transform and a status, each as both versions write it.

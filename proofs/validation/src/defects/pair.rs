@@ -66,7 +66,7 @@ pub fn pair(seed: u64, defect: &Defect, rig: &Rig) -> anyhow::Result<Pair> {
         }
         Defect::TrackerConstant { key, value } => what_if(&a, &b, &format!("tracker.{key}"), *value)?,
         Defect::HandleLost { seq } => record(&b, rig, &clean, Some(*seq))?,
-        _ => record(&b, &told_rig(defect, rig), &changed, None)?,
+        _ => record(&b, &given_rig(defect, rig), &changed, None)?,
     }
     Ok(Pair { folder, a, b })
 }
@@ -139,26 +139,26 @@ fn fields(recipe: &Recipe, defect: &Defect, rig: &Rig, clean: &[BlobField]) -> V
 }
 
 /// The rig that is given: with the defect where it is planted there.
-fn told_rig(defect: &Defect, rig: &Rig) -> Rig {
-    let mut told = rig.clone();
+fn given_rig(defect: &Defect, rig: &Rig) -> Rig {
+    let mut given = rig.clone();
     match *defect {
         Defect::CameraTurned { camera, turn_rad, in_rig: true } => {
             let turn = nalgebra::Rotation3::new(turn_rad);
-            for own in told.cameras.iter_mut().filter(|c| c.id == camera) {
+            for own in given.cameras.iter_mut().filter(|c| c.id == camera) {
                 let model = own.model();
                 let r = turn.matrix() * model.camera_from_world;
                 own.rotation = std::array::from_fn(|i| std::array::from_fn(|j| r[(i, j)]));
                 own.t = (turn * model.translation_mm).into();
             }
         }
-        Defect::MarkerMoved { in_rig: true, .. } => told = real_rig(defect, rig),
+        Defect::MarkerMoved { in_rig: true, .. } => given = real_rig(defect, rig),
         Defect::RigScaled { factor } => {
-            let cameras = told.cameras.iter_mut().flat_map(|camera| &mut camera.t);
+            let cameras = given.cameras.iter_mut().flat_map(|camera| &mut camera.t);
             cameras.for_each(|v| *v *= factor);
         }
         _ => {}
     }
-    told
+    given
 }
 
 /// The true rig, where another is given.

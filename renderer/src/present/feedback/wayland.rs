@@ -66,9 +66,9 @@ impl Presentation {
             .map_err(|_| "the compositor lacks presentation-time".to_owned())?;
         let mut answers = Answers::default();
         queue.roundtrip(&mut answers).map_err(|e| e.to_string())?;
-        let told = answers.clock.ok_or("the compositor names no clock")?;
-        let clock = CLOCKS.iter().find(|(number, _)| *number == told).map(|(_, clock)| *clock);
-        let clock = clock.ok_or_else(|| format!("the compositor uses clock {told}"))?;
+        let clock_id = answers.clock.ok_or("the compositor names no clock")?;
+        let clock = CLOCKS.iter().find(|(number, _)| *number == clock_id).map(|(_, clock)| *clock);
+        let clock = clock.ok_or_else(|| format!("the compositor uses clock {clock_id}"))?;
         Ok(Presentation { connection, queue, answers, presentation, surface, clock })
     }
 

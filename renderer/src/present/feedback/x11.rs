@@ -49,9 +49,9 @@ impl Present {
         while let Ok(Some(event)) = self.connection.poll_for_event() {
             if let Event::PresentCompleteNotify(done) = event
                 && done.kind == CompleteKind::PIXMAP
-                && let Some(told) = self.order.answer(nanos(done.ust), done.mode != CompleteMode::SKIP)
+                && let Some(completed) = self.order.answer(nanos(done.ust), done.mode != CompleteMode::SKIP)
             {
-                answer(told);
+                answer(completed);
             }
         }
     }

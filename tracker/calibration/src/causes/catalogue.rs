@@ -51,7 +51,7 @@ pub enum Cause {
         /// Camera concerned; `None` means all.
         camera: Option<u32>,
     },
-    /// Time stamps of a camera are late (positive) or early against the others'.
+    /// Timestamps of a camera are late (positive) or early against the others'.
     ClockShifted {
         /// Camera id.
         camera: u32,
@@ -325,7 +325,7 @@ impl fmt::Display for Cause {
             ),
             Cause::ClockShifted { camera, by_ms } => {
                 let how = if *by_ms > 0.0 { "late" } else { "early" };
-                write!(f, "the time stamps of camera {camera} are {:.2} ms {how}", by_ms.abs())
+                write!(f, "the timestamps of camera {camera} are {:.2} ms {how}", by_ms.abs())
             }
             Cause::TimestampsJitter { camera, rms_ms } => {
                 write!(

@@ -28,7 +28,7 @@ const BEGUN: (f64, f64) = (1.8, 0.006);
 /// Variance of the logarithms of the mean squares where nothing changes.
 const SCATTER: f64 = 0.05;
 /// Fewest blobs that are judged.
-const FEWEST: u64 = 200;
+pub(super) const FEWEST: u64 = 200;
 /// A later stretch may have so much larger a share of blobs that measure no pose.
 const LIKE: f64 = 0.1;
 /// A clock whose shift is larger by this after an instant has stepped there, ms.

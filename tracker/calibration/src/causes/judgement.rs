@@ -1,6 +1,8 @@
 //! What the judge of causes says, in figures and in words.
 
 use super::Cause;
+use super::judge::FEWEST;
+use super::measure::START_NS;
 use serde::Serialize;
 
 /// Share of the blobs without a marker that is said.
@@ -70,7 +72,7 @@ impl Judgement {
         let left = format!("reprojection residual {:.2} px RMS over {} blobs", self.left_px, self.blobs);
         let since = format!("{left} from {:.1} s", self.since_s);
         match self.verdict {
-            Verdict::TooLittle => format!("too little to judge: {} blobs", self.blobs),
+            Verdict::TooLittle => format!("too little to judge: {}", self.blobs_needed()),
             Verdict::NothingWrong if self.unexplained > STRANGERS => format!(
                 "no fault found in the rig; {:.0} % of {} blobs belong to no marker (reflections, or an instrument \
                  that is hidden in part)",
@@ -93,6 +95,16 @@ impl Judgement {
                 format!("{since}: {}{}", named.collect::<Vec<_>>().join(", or "), self.what_helps())
             }
         }
+    }
+
+    /// How many blobs there were and how many are needed, if there were too few to judge.
+    pub fn shortage(&self) -> Option<String> {
+        (self.verdict == Verdict::TooLittle).then(|| self.blobs_needed())
+    }
+
+    fn blobs_needed(&self) -> String {
+        let start_s = START_NS as f64 * 1e-9;
+        format!("{} blobs after the first {start_s:.1} s, at least {FEWEST} are needed", self.blobs)
     }
 
     /// True for what is said at the end of a run: a cause, or much that none explains.
@@ -167,11 +179,15 @@ mod tests {
             explanations: Vec::new(),
             tried: 29,
         };
+        let shortage = |verdict| judgement(verdict, 0.0).shortage();
         let little = judgement(Verdict::Unknown, 0.03);
         assert_eq!(little.paragraph(0.0), None);
         assert!(little.text().contains("no known cause explains it"), "who asks for it is answered");
         let much = judgement(Verdict::Unknown, 0.2).paragraph(0.0).expect("a paragraph");
         assert!(much.contains("no known cause explains it"), "{much}");
         assert!(judgement(Verdict::Stopped, 0.03).paragraph(0.0).is_some());
+        assert_eq!(shortage(Verdict::Unknown), None);
+        let short = shortage(Verdict::TooLittle).expect("too little");
+        assert_eq!(short, "5000 blobs after the first 0.3 s, at least 200 are needed");
     }
 }

@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 pub const PART_NS: u64 = 800_000_000;
 const LEAST_SHARE: f64 = 0.1;
 const LEAST_PX2: f64 = 0.04;
-/// Shifts of time stamps that are tried first, ms.
+/// Shifts of timestamps that are tried first, ms.
 pub const SHIFTS_MS: [f64; 9] = [-16.0, -10.0, -5.0, -2.0, 0.0, 2.0, 5.0, 10.0, 16.0];
 /// Scales that are tried first: from, to, step. Bodies are tracked well only where a scale is right to half a per cent.
 const SCALES: (f64, f64, f64) = (0.92, 1.08, 0.005);

@@ -64,8 +64,9 @@ fn sheets_of_dots(args: &DotsArgs) -> anyhow::Result<(Vec<TargetView>, Vec<Sourc
         ensure!(
             !is_recording(path),
             "{}: is a recording of pixels, which has no dot positions: expected a point list of each camera, or \
-             --pictures {0} --target FILE --picked POINTS",
-            path.display()
+             --pictures {} --target FILE --picked POINTS",
+            path.display(),
+            outputs::shell_word(path.display())
         );
         let views = point_lists::load(path)?;
         let n = views.len();

@@ -78,7 +78,7 @@ pub fn judged(rig: &Rig, fields: &[BlobField]) -> Judgement {
 }
 
 /// As [`judged`]; a stream that shows too little of the bodies is refused.
-fn judged_enough(stream: &Path, rig: &Rig, fields: &[BlobField]) -> anyhow::Result<Judgement> {
+pub(super) fn judged_enough(stream: &Path, rig: &Rig, fields: &[BlobField]) -> anyhow::Result<Judgement> {
     let judgement = judged(rig, fields);
     ensure!(
         judgement.verdict != Verdict::TooLittle,

@@ -1,7 +1,7 @@
 //! `vitreo calibrate waved`: a rig refined by waved instruments, which `vitreo commission poses` does as well.
 
 use super::fields::StreamArgs;
-use super::stream::{judged, nothing_written};
+use super::stream::{judged, judged_enough, nothing_written};
 use super::{OutputArgs, positive, with_spinner};
 use crate::CalibrationError;
 use crate::bundle::PriorSigmas;
@@ -11,6 +11,7 @@ use crate::mend::{Mended, mend};
 use crate::report::{Report, camera_report};
 use crate::self_calibration::SelfCalibration;
 use crate::target_problem::{rms, robust_sigma};
+use anyhow::Context;
 use nalgebra::Vector3;
 use protocol::blobs::BlobField;
 use protocol::poses::BODY_NAMES;
@@ -72,7 +73,17 @@ pub fn refined_by_waving(
     known: &PriorSigmas,
     most: usize,
 ) -> Result<Waved, CalibrationError> {
-    let judgement = judged(rig, fields);
+    refined(rig, fields, known, most, judged(rig, fields))
+}
+
+/// As [`refined_by_waving`], with the judgement of the rig.
+fn refined(
+    rig: &Rig,
+    fields: &[BlobField],
+    known: &PriorSigmas,
+    most: usize,
+    judgement: Judgement,
+) -> Result<Waved, CalibrationError> {
     let mended = with_spinner("bundle adjustment", |tell| mend(rig, fields, known, &judgement, most, tell))?;
     let (found, [before, after]) = match mended {
         Mended::Better { found, held_out_px } => (found, held_out_px),
@@ -88,7 +99,7 @@ pub fn refined_by_waving(
 /// Runs `vitreo calibrate waved`.
 ///
 /// # Errors
-/// A stream or rig that cannot be read, too few usable instants, or a problem without a solution.
+/// A stream or rig that cannot be read, a stream that shows too little, or a problem without a solution.
 pub fn waved(args: &WavedArgs) -> anyhow::Result<ExitCode> {
     let (rig, fields) = args.from.fields(&args.stream)?;
     let known = PriorSigmas {
@@ -97,7 +108,9 @@ pub fn waved(args: &WavedArgs) -> anyhow::Result<ExitCode> {
         marker_mm: args.marker_mm,
         lens_px: args.lens_px.unwrap_or(0.0),
     };
-    let (found, report) = match refined_by_waving(&rig, &fields, &known, args.from.instants)? {
+    let judgement = judged_enough(&args.stream, &rig, &fields)?;
+    let outcome = refined(&rig, &fields, &known, args.from.instants, judgement);
+    let (found, report) = match outcome.with_context(|| args.stream.display().to_string())? {
         Waved::Better { found, report } => (found, report),
         Waved::Kept { judgement, why } => return nothing_written(&args.output, "waved", &judgement, &why),
     };

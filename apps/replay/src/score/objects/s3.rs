@@ -55,7 +55,7 @@ impl Store {
         let (store, prefix) = (self.bucket(below)?, key_of(below)?);
         let all: Result<Vec<_>, _> =
             self.wait(below, async move { store.list(Some(&prefix)).try_collect().await })?;
-        let mut all = all.map_err(|problem| self.told(below, problem))?;
+        let mut all = all.map_err(|problem| self.object_error(below, problem))?;
         all.sort_by(|a, b| a.location.cmp(&b.location));
         let mut listed = lock(&self.listed);
         let named = all.into_iter().map(|object| {
@@ -90,7 +90,7 @@ impl Store {
             Ok((bytes, expected))
         })?;
         let (bytes, expected) = copied.map_err(|problem| match problem {
-            Copying::Store(problem) => self.told(address, problem),
+            Copying::Store(problem) => self.object_error(address, problem),
             Copying::File(problem) => copy(problem),
         })?;
         if bytes != expected {
@@ -125,7 +125,7 @@ impl Store {
     pub fn exists(&self, address: &Address) -> Result<bool, ObjectError> {
         let (store, key) = (self.bucket(address)?, key_of(address)?);
         let found = self.wait(address, async move { store.head(&key).await })?;
-        match found.map_err(|problem| self.told(address, problem)) {
+        match found.map_err(|problem| self.object_error(address, problem)) {
             Ok(_) => Ok(true),
             Err(ObjectError::Absent(_) | ObjectError::Gone(_)) => Ok(false),
             Err(problem) => Err(problem),
@@ -141,7 +141,7 @@ impl Store {
         let mode = if replace { PutMode::Overwrite } else { PutMode::Create };
         let options = PutOptions { mode, ..PutOptions::default() };
         let put = self.wait(address, async move { store.put_opts(&key, bytes.into(), options).await })?;
-        put.map(drop).map_err(|problem| self.told(address, problem))
+        put.map(drop).map_err(|problem| self.object_error(address, problem))
     }
 
     fn bucket(&self, address: &Address) -> Result<Arc<dyn ObjectStore>, ObjectError> {
@@ -180,7 +180,7 @@ impl Store {
         receive.recv().map_err(|_| failed("the request ended without an answer".into()))
     }
 
-    fn told(&self, address: &Address, problem: Error) -> ObjectError {
+    fn object_error(&self, address: &Address, problem: Error) -> ObjectError {
         let (shown, words) = (address.to_string(), words(&problem));
         match problem {
             // The library does not distinguish this.

@@ -11,8 +11,8 @@ const PERIOD_NS: u64 = 1_000_000_000;
 #[derive(Debug, Clone, Default)]
 pub struct Complaints {
     count: u64,
-    told: u64,
-    told_ns: Nanos,
+    reported: u64,
+    reported_ns: Nanos,
     last: String,
 }
 
@@ -24,22 +24,22 @@ impl Complaints {
             self.last = text;
             return self.due(at);
         }
-        (self.told, self.told_ns) = (self.count, at);
+        (self.reported, self.reported_ns) = (self.count, at);
         Some(text)
     }
 
     /// The report that is due on those that were only counted.
     pub fn due(&mut self, at: Nanos) -> Option<String> {
-        if at < self.told_ns.saturating_add(PERIOD_NS) { None } else { self.rest(at) }
+        if at < self.reported_ns.saturating_add(PERIOD_NS) { None } else { self.rest(at) }
     }
 
     /// The same without waiting, at the end.
     pub fn rest(&mut self, at: Nanos) -> Option<String> {
-        let more = self.count - self.told;
+        let more = self.count - self.reported;
         if more == 0 {
             return None;
         }
-        (self.told, self.told_ns) = (self.count, at);
+        (self.reported, self.reported_ns) = (self.count, at);
         Some(format!("{more} more of {}; the last: {}", self.count, self.last))
     }
 }

@@ -56,7 +56,7 @@ fn what_can_be_mended_has_a_remedy_and_other_motion_has_none() {
 #[test]
 fn words_name_camera_marker_size_and_direction() {
     let says = |cause: Cause, words: &str| assert_eq!(cause.to_string(), words);
-    says(Cause::ClockShifted { camera: 1, by_ms: -2.5 }, "the time stamps of camera 1 are 2.50 ms early");
+    says(Cause::ClockShifted { camera: 1, by_ms: -2.5 }, "the timestamps of camera 1 are 2.50 ms early");
     says(
         Cause::ColoursSwapped { colours: [Colour::Red, Colour::Blue], cameras: vec![1, 2] },
         "the colours red and blue are swapped in cameras 1, 2",
