@@ -48,8 +48,9 @@ pub fn run(config: &Config) -> anyhow::Result<()> {
 fn unusable(path: Option<&Path>, defect: &RigDefect) -> anyhow::Error {
     match path.filter(|path| !path.starts_with("/proc")) {
         Some(path) => {
-            let name = path.display();
-            anyhow::anyhow!("the rig {name} cannot work: {defect}; for details: vitreo rig check {name}")
+            let name = path.display().to_string();
+            let word = if name.contains(char::is_whitespace) { format!("'{name}'") } else { name.clone() };
+            anyhow::anyhow!("the rig {name} cannot work: {defect}; for details: vitreo rig check {word}")
         }
         None => anyhow::anyhow!("this rig cannot work: {defect}"),
     }

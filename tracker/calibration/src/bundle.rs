@@ -63,7 +63,7 @@ pub enum Part {
 pub struct Freedom {
     /// Of everything alike.
     pub known: PriorSigmas,
-    /// Shift of each camera's time stamps, s.
+    /// Shift of each camera's timestamps, s.
     pub clock_s: f64,
     /// Shift of the lines of a field whose parity is swapped, in pixels of the frame.
     pub parity_px: f64,
@@ -114,7 +114,7 @@ pub struct Bundle {
     pub markers: Vec<Vec<Marker>>,
     /// Poses by instant and body.
     pub poses: Vec<[Option<Isometry3<f64>>; BODIES]>,
-    /// By how much each camera's time stamps are late, s.
+    /// By how much each camera's timestamps are late, s.
     pub late_s: Vec<f64>,
     /// How much of a swapped parity each camera shows: 0 of none, 1 of a whole one.
     pub swapped: Vec<f64>,
