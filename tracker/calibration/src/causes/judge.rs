@@ -190,7 +190,9 @@ fn judge_from(
         return explained(judgement, explanation((cause, left)));
     }
     if let Some(by) = jitter::detect(rig, &stretch, &before) {
-        return explained(judgement, explanation(by));
+        // Of the markers' blobs, before and after: what the jitter adds is little beside a few blobs that are no marker's.
+        judgement.left_px = judgement.used_px;
+        return explained(judgement, of_markers(by));
     }
     if !go_on(0, 0) {
         judgement.verdict = Verdict::Stopped;
