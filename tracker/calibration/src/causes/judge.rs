@@ -191,8 +191,10 @@ fn judge_from(
     }
     if let Some(by) = jitter::detect(rig, &stretch, &before) {
         // Of the markers' blobs, before and after: what the jitter adds is little beside a few blobs that are no marker's.
+        let by = of_markers(by);
         judgement.left_px = judgement.used_px;
-        return explained(judgement, of_markers(by));
+        judgement.above_px = (judgement.used_px.powi(2) - by.left_px.powi(2)).max(0.0).sqrt();
+        return explained(judgement, by);
     }
     if !go_on(0, 0) {
         judgement.verdict = Verdict::Stopped;
