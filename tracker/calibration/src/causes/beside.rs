@@ -69,11 +69,11 @@ pub fn hides_an_error(rig: &Rig, fields: &[BlobField]) -> bool {
     seen(rig, fields).hides_an_error()
 }
 
-/// True where nearly every marker of every body has its blob, and none lies beside it: all other blobs, and be it half of
-/// them, belong to nothing of the rig.
-pub fn is_complete(rig: &Rig, fields: &[BlobField]) -> bool {
+/// True where no such error is there, and either few blobs belong to no marker or nearly every marker of every body has
+/// its blob: all others, even if they are half of all, then belong to nothing of the rig.
+pub fn is_followed(rig: &Rig, fields: &[BlobField], few_strangers: bool) -> bool {
     let seen = seen(rig, fields);
-    seen.is_complete() && !seen.hides_an_error()
+    (few_strangers || seen.is_complete()) && !seen.hides_an_error()
 }
 
 /// What a tracker makes of the markers in fields.

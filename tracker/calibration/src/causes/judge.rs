@@ -1,6 +1,6 @@
 //! Which causes explain what is left in the pictures, and since when.
 
-use super::beside::{hides_an_error, is_complete};
+use super::beside::{self, hides_an_error};
 use super::judgement::{Explanation, Judgement, Verdict};
 use super::measure::{CAP_PX, Left, SLICE_NS, START_NS, measure};
 use super::together::{FOLLOWS, Together};
@@ -297,8 +297,8 @@ fn search(
     judgement.tried += if was_stopped { 0 } else { hypotheses.len() };
     let found = found.unwrap_or_default();
     let is_followed = || {
-        let few_strangers = before.is_less(FOLLOWED) && !hides_an_error(rig, fields);
-        few_strangers || before.is_less((0.0, FOLLOWED.1)) && is_complete(rig, fields)
+        let leaves_little = before.is_less((0.0, FOLLOWED.1));
+        leaves_little && beside::is_followed(rig, fields, before.is_less(FOLLOWED))
     };
     let noise = together.as_ref().filter(|t| t.above.is_noise() && is_followed());
     // No one cause makes a rig hold where reflections are many: what they leave out is judged by the rest.

@@ -142,14 +142,11 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<ExitCode> {
     Ok(if holds { ExitCode::SUCCESS } else { ExitCode::from(DIFFERS) })
 }
 
-/// What to do, also where the report goes into a file. Where the judgement names a cause, cameras whose residuals are
-/// shifted are not listed: an error of one camera shifts those of the others too.
+/// What to do about shifted residuals of cameras. Where the rig is no longer valid the report says what helps, and cameras are
+/// not listed beside it: an error of one shifts the residuals of the others too.
 fn advice(rig: &Rig, found: &DriftCheck, judgement: &Judgement, limit_px: f64) -> Option<String> {
-    if !judgement.holds {
-        let remedies = judgement.remedies();
-        return (!remedies.is_empty()).then(|| format!("{NOT_VALID}. Remedy: {remedies}"));
-    }
-    let shifted = rig.cameras.iter().zip(&found.cameras).filter(|(_, shift)| shift.drifted);
+    let shifted =
+        rig.cameras.iter().zip(&found.cameras).filter(|(_, shift)| judgement.holds && shift.drifted);
     let shifted: Vec<String> = shifted
         .map(|(camera, shift)| {
             format!(
