@@ -99,6 +99,17 @@ pub const PLAY_DAMPING: f64 = 0.7;
 pub const FREE_PLAY_MM: f64 = 1.0;
 /// Distance of the pivot from the tip where the trocar is unknown, mm.
 pub const FREE_PIVOT_MM: f64 = 12.0;
+/// Speed along the shaft at which an instrument counts half as being put in or taken out, mm/s; guided, it is moved
+/// with some 5.
+pub const INSERTION_MM_S: f64 = 20.0;
+/// Insertions of a smaller weight are neglected.
+pub const LEAST_INSERTION: f64 = 1e-3;
+/// So are those at a shorter lever, mm.
+pub const SHORTEST_INSERTION_MM: f64 = 2.0;
+/// Lever below which a shaft that finds its trocar was put into it, mm; above it the eye was found again.
+pub const JUST_PUT_IN_MM: f64 = 8.0;
+/// Standard deviation of the turn of a shaft that was just put in, rad/s; times the lever, it gives the tip's speed across.
+pub const PUT_IN_TURN_RAD_S: f64 = 0.4;
 /// Least distance of tip and pivot that gives a direction, mm.
 pub const SHORTEST_LEVER_MM: f64 = 4.0;
 /// Longest step of the filter's prediction, ns.

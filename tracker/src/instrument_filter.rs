@@ -14,6 +14,7 @@
 
 mod adaptation;
 mod directed;
+mod insertion;
 mod motion;
 mod pivot;
 mod saved;
@@ -175,7 +176,10 @@ impl InstrumentFilter {
         pivot: &Pivot,
     ) -> ([Vector3<f64>; VECTORS], UnitQuaternion<f64>, [[f64; 2]; ROLL_TREMORS]) {
         let mut vectors = self.vectors;
+        let insertion = self.insertion(step, pivot);
+        insertion.iter().for_each(|i| i.apply_to_vectors(0, &mut vectors));
         step.apply_to_vectors(&mut vectors);
+        insertion.iter().for_each(|i| i.apply_to_vectors(1, &mut vectors));
         let axis = self.axis();
         let mut roll = self.roll_rate * step.roll[0][1] + self.roll_acceleration * step.roll[0][2];
         let mut tremor = self.roll_tremor;
@@ -199,18 +203,27 @@ impl InstrumentFilter {
         let steps = whole_ns.div_ceil(k::LONGEST_STEP_NS);
         let dt = whole_ns as f64 * 1e-9 / steps as f64;
         let step = StateTransition::new(dt, &self.tuning, &self.bank);
+        let was_free = !self.pivot.tracked;
         let target = self.next_pivot(pivot);
+        if was_free && target.tracked {
+            self.start_inside();
+        }
         for i in 1..=steps {
             if i == steps {
                 self.pivot = target;
             }
             self.scale_tremor();
+            let insertion = self.insertion(&step, &self.pivot);
             (self.vectors, self.rotation, self.roll_tremor) = self.propagated(&step, &self.pivot);
             self.roll_rate += self.roll_acceleration * step.roll[1][2];
             self.roll_acceleration *= step.roll[2][2];
-            step.apply(&mut self.covariance);
-            transpose(&mut self.covariance);
-            step.apply(&mut self.covariance);
+            // Rows, then columns.
+            for _ in 0..2 {
+                insertion.iter().for_each(|i| i.apply(0, &mut self.covariance));
+                step.apply(&mut self.covariance);
+                insertion.iter().for_each(|i| i.apply(1, &mut self.covariance));
+                transpose(&mut self.covariance);
+            }
             self.add_noise(&step, dt);
         }
         self.mirror();

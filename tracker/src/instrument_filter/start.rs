@@ -1,8 +1,9 @@
 //! What is known of an instrument that was just found: its pose, the hand that held it before, and how instruments
 //! are put in.
 
+use super::directed::Directed;
 use super::transition::{roll_model, roll_tremor_model};
-use super::{InstrumentFilter, PLAY, ROLL, ROLL_TREMOR, ROLL_TREMORS};
+use super::{InstrumentFilter, N, PLAY, ROLL, ROLL_TREMOR, ROLL_TREMORS, Row, tip_of};
 use crate::constants as k;
 use crate::motion_models::VoluntaryMotion;
 use crate::pose_math::Matrix6;
@@ -68,6 +69,35 @@ impl InstrumentFilter {
         }
     }
 
+    /// Starts the movement of an instrument that was just put into its trocar. How it was waved about before says nothing of
+    /// how it moves now, and has raised the variances. Pose, speed along the shaft, play and roll go on. Further in, it is
+    /// the eye that was found again, and nothing changes.
+    pub(super) fn start_inside(&mut self) {
+        const KEPT: usize = 3 * PLAY;
+        let (axis, lever) = self.shaft();
+        if lever > k::JUST_PUT_IN_MM {
+            return;
+        }
+        let (tip, along) = (tip_of(&self.vectors), axis * axis.dot(&self.velocity()));
+        let (kept, pose) = (self.covariance, self.pose_covariance);
+        let fastest = k::START_SPEED_MM_S * k::START_SPEED_MM_S;
+        let speed = Directed {
+            along: self.variance_of_speed(&axis).min(fastest),
+            across: (k::PUT_IN_TURN_RAD_S * lever) * (k::PUT_IN_TURN_RAD_S * lever),
+        };
+        self.vectors[..PLAY].fill(Vector3::zeros());
+        (self.vectors[0], self.vectors[1]) = (tip, along);
+        self.voluntary_variance = Directed::even(self.tuning.voluntary_mm_s2 * self.tuning.voluntary_mm_s2);
+        self.nis_ratio = 1.0;
+        self.covariance = [[0.0; N]; N];
+        self.scale_tremor();
+        self.start_covariance(&pose, &axis, lever, true);
+        self.start_vector(1, &speed.covariance(&axis));
+        for (row, kept) in self.covariance[KEPT..].iter_mut().zip(&kept[KEPT..]) {
+            row[KEPT..].copy_from_slice(&kept[KEPT..]);
+        }
+    }
+
     /// Covariances of the voluntary movement's velocity, acceleration and lags. An instrument that is back was put in, along
     /// its shaft; of one that is found for the first time nothing is known.
     fn start_movement(&mut self, axis: &Vector3<f64>, is_back: bool) {
@@ -76,19 +106,23 @@ impl InstrumentFilter {
             across_mm_s = k::START_SPEED_ACROSS_MM_S;
             along_mm2_s4 = along_mm2_s4.max(k::START_ACCELERATION_MM_S2 * k::START_ACCELERATION_MM_S2);
         }
-        let along = axis * axis.transpose();
-        let across = Matrix3::identity() - along;
-        let speed =
-            along * (k::START_SPEED_MM_S * k::START_SPEED_MM_S) + across * (across_mm_s * across_mm_s);
-        let acceleration = along * along_mm2_s4 + across * self.voluntary_variance.across;
-        let lags = VoluntaryMotion::LAG_VARIANCES.map(|ratio| acceleration * ratio);
-        for (vector, variance) in std::iter::once(&speed).chain(&lags).enumerate() {
-            for row in 0..3 {
-                for column in 0..3 {
-                    self.covariance[3 * (1 + vector) + row][3 * (1 + vector) + column] =
-                        variance[(row, column)];
-                }
-            }
+        let along = k::START_SPEED_MM_S * k::START_SPEED_MM_S;
+        self.start_vector(1, &Directed { along, across: across_mm_s * across_mm_s }.covariance(axis));
+        let acceleration = Directed { along: along_mm2_s4, ..self.voluntary_variance }.covariance(axis);
+        for (lag, ratio) in VoluntaryMotion::LAG_VARIANCES.iter().enumerate() {
+            self.start_vector(2 + lag, &(acceleration * *ratio));
         }
+    }
+
+    fn start_vector(&mut self, vector: usize, variance: &Matrix3<f64>) {
+        for (row, column) in (0..9).map(|n| (n / 3, n % 3)) {
+            self.covariance[3 * vector + row][3 * vector + column] = variance[(row, column)];
+        }
+    }
+
+    /// Variance of the tip's speed along the shaft, tremor included, mm²/s².
+    fn variance_of_speed(&self, axis: &Vector3<f64>) -> f64 {
+        let along: Row = std::array::from_fn(|r| axis.dot(&self.tip_and_play(&self.covariance[r])[1]));
+        axis.dot(&self.tip_and_play(&along)[1])
     }
 }

@@ -115,6 +115,25 @@ fn another_pivot_changes_nothing_of_pose_motion_and_their_covariance() {
 }
 
 #[test]
+fn an_instrument_that_is_put_in_starts_afresh_and_one_whose_eye_is_found_again_does_not() {
+    let inside = through(Vector3::new(1.0, 2.0, -4.0));
+    let length = (pivot().position - inside.translation.vector).norm();
+    for (lever, is_put_in) in [(5.0, true), (15.0, false)] {
+        let tip = inside.translation.vector.lerp(&pivot().position, 1.0 - lever / length);
+        let pose = through(tip);
+        let mut f =
+            InstrumentFilter::new(&pose, &(Matrix6::identity() * 1e-6), None, FIELD_NS, &model(), None);
+        assert!(f.turns_freely());
+        f.voluntary_variance = Directed::even(k::VOLUNTARY_RANGE_MM2_S4.1);
+        f.predict(2 * FIELD_NS, Some(pivot()));
+        assert!(!f.turns_freely());
+        let ratio = f.voluntary_variance.across / k::VOLUNTARY_RANGE_MM2_S4.1;
+        assert!(if is_put_in { ratio < 0.01 } else { ratio > 0.5 }, "lever {lever}: {ratio}");
+        assert!((f.pose().translation.vector - tip).norm() < 1e-6, "{}", f.pose());
+    }
+}
+
+#[test]
 fn a_trocar_that_comes_into_sight_does_not_jerk_the_shaft() {
     let mut f = InstrumentFilter::new(
         &through(Vector3::zeros()),
