@@ -138,6 +138,18 @@ fn where_nothing_is_wrong_nothing_is_named() {
     }
 }
 
+/// Two cameras do not see an instrument outside of the eye well enough to follow it while the third is silent; and while
+/// it is taken out, markers that hide each other seem to have moved.
+#[test]
+fn an_instrument_that_is_taken_out_is_no_error() {
+    for (seed, own_rig) in [(40546, false), (40558, false), (40618, false), (40619, true)] {
+        let (_, Planted { rig, fields, .. }) = draw(seed, own_rig, true);
+        let judged = judge(&rig, &fields, |_, _| true);
+        println!("seed {seed}: {}", judged.text());
+        assert!(judged.verdict == Verdict::NothingWrong && judged.holds, "seed {seed}: {}", judged.text());
+    }
+}
+
 #[test]
 fn nothing_broken_is_said_to_hold_and_no_innocent_is_blamed() {
     // `make judge` has the others; those of odd seeds have rigs of their own. Cameras of 0 to 15 are free-running; 0 is

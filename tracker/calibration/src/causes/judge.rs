@@ -37,6 +37,9 @@ const STEP_MS: f64 = 0.3;
 const LATER: usize = 3;
 /// Mean square that a rig which holds may leave, px²: markers that hide each other.
 const FLOOR_PX2: f64 = 0.02;
+/// What lies above the noise at least where places change while a recording goes on, px: a marker that moves by 0.05 mm
+/// leaves 0.08, a camera that moves by 0.6 px 0.17.
+const PASSING_PX: f64 = 0.05;
 /// Share of the blobs, at most, that are no marker's and count as nothing wrong.
 const STRANGERS: f64 = 0.05;
 /// Share of what is above that which a remedy must take away.
@@ -60,7 +63,12 @@ pub fn judge_within(
     // What progressive pictures leave depends on the motion, not on when they began.
     let always = progressive::detect(rig, &stretch(fields, begin)).is_some();
     let from = onset.filter(|_| !always).unwrap_or(begin);
-    let first = judge_from(rig, fields, [begin, from], work, &go_on);
+    let mut first = judge_from(rig, fields, [begin, from], work, &go_on);
+    if from > begin && is_no_fault(rig, &stretch(fields, from), &first) {
+        let before: Vec<BlobField> = fields.iter().filter(|f| f.exposed_ns < from).copied().collect();
+        let held = judge_from(rig, &before, [begin, begin], work, &go_on);
+        first = if held.verdict == Verdict::NothingWrong { held } else { first };
+    }
     if first.verdict != Verdict::NothingWrong {
         // A clock shows only while something moves: it may be wrong for longer than that.
         let earliest = begin.max(from.saturating_sub(STRETCH_NS));
@@ -105,6 +113,23 @@ fn past_a_step(
     tried.into_iter().find_map(larger).unwrap_or(first)
 }
 
+/// True where a rig that held before holds after this judgement of a later part, too. The blobs that are left belong to a
+/// body that is put away, or that too few cameras see; or places seem to have changed by so little that markers which
+/// touch or hide each other from then on, or cameras that are silent, have the same effect.
+fn is_no_fault(rig: &Rig, part: &[BlobField], judgement: &Judgement) -> bool {
+    use Cause::{CameraMoved, CamerasMoved, Drifted, MarkerMoved};
+    let is_of_places = |by: &Explanation| {
+        matches!(by.cause, CameraMoved { .. } | CamerasMoved { .. } | MarkerMoved { .. } | Drifted)
+    };
+    match judgement.verdict {
+        Verdict::Unknown | Verdict::Stopped => measure(rig, part).is_less((FOLLOWED.0, HOLDS.1)),
+        Verdict::Explained => {
+            judgement.above_px < PASSING_PX && judgement.explanations.iter().all(is_of_places)
+        }
+        Verdict::NothingWrong | Verdict::TooLittle => true,
+    }
+}
+
 /// What is wrong with the parts of fields of which the stretch at `from` is as it should be; `None` where nothing is.
 fn judge_later(
     rig: &Rig,
@@ -119,13 +144,7 @@ fn judge_later(
             return None;
         }
         let judgement = judge_from(rig, fields, [begin, from], work, go_on);
-        // Bodies that are put away are no error of the rig.
-        let is_put_away = || measure(rig, &part).is_less((FOLLOWED.0, HOLDS.1));
-        match judgement.verdict {
-            Verdict::Explained => Some((from, judgement)),
-            Verdict::Unknown | Verdict::Stopped if !is_put_away() => Some((from, judgement)),
-            _ => None,
-        }
+        (!is_no_fault(rig, &part, &judgement)).then_some((from, judgement))
     };
     let at_begin = (from > begin).then_some(begin);
     let begins: Vec<Nanos> = at_begin.into_iter().chain(later::begins(fields, STRETCH_NS, work)).collect();
@@ -268,7 +287,7 @@ fn explained(judgement: Judgement, by: Explanation) -> Judgement {
 fn take(found: &Together, judgement: &mut Judgement) {
     judgement.tried = found.tried;
     judgement.above_px = found.above.px;
-    judgement.holds = found.above.is_noise();
+    judgement.holds = found.is_noise();
     if !judgement.holds {
         judgement.explanations = found.explanations(judgement.blobs);
     }
@@ -300,9 +319,9 @@ fn search(
         let leaves_little = before.is_less((0.0, FOLLOWED.1));
         leaves_little && beside::is_followed(rig, fields, before.is_less(FOLLOWED))
     };
-    let noise = together.as_ref().filter(|t| t.above.is_noise() && is_followed());
+    let noise = together.as_ref().filter(|t| t.is_noise() && is_followed());
     // No one cause makes a rig hold where reflections are many: what they leave out is judged by the rest.
-    let rest = together.as_ref().filter(|t| !was_stopped && !t.above.is_noise() && followed > FOLLOWED.0);
+    let rest = together.as_ref().filter(|t| !was_stopped && !t.is_noise() && followed > FOLLOWED.0);
     let mut singles = alike(before, found.clone());
     if singles.is_empty() && noise.is_none() && rest.is_none_or(Together::names_no_part) {
         singles = in_order(verified::singles(rig, fields, before, found), of_markers);

@@ -45,6 +45,9 @@ const NOISE: f64 = 1.8;
 /// A rig that holds leaves less: χ², or root mean square, px.
 const NOISE_CHI2: f64 = 200.0;
 const NOISE_PX: f64 = 0.01;
+/// The same where no part of the rig explains it: what markers leave that touch or hide each other, or shafts that hide
+/// them.
+const NOBODYS_PX: f64 = 0.02;
 /// A cause that explains all takes away all but this share, at least.
 const SHARE: f64 = 0.5;
 /// What remains is nothing where it is this share.
@@ -158,6 +161,11 @@ impl Together {
         let little = left.explained.rms().is_some_and(|px| px < LEFT_PX);
         let is_right = little && self.noise < NOISE && !hides_an_error(&bundle.rig(rig), &undone);
         if is_right { left.explained_share() } else { 0.0 }
+    }
+
+    /// True of what a rig that holds leaves.
+    pub fn is_noise(&self) -> bool {
+        self.above.is_noise() || (self.names_no_part() && self.above.px < NOBODYS_PX)
     }
 
     /// True where nothing less than all cameras and markers explains the stretch.
