@@ -29,6 +29,7 @@ use crate::tremor_bank::{self, PAIRS, TremorBank};
 use crate::tuning::Tuning;
 use adaptation::Nis;
 use directed::{Directed, add_noise_of};
+use insertion::Insertion;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 pub use pivot::Pivot;
 pub use start::Hand;
@@ -165,7 +166,8 @@ impl InstrumentFilter {
     pub fn pose_after(&self, dt: f64) -> Isometry3<f64> {
         let mut ahead = (self.vectors, self.rotation, self.roll_tremor);
         if dt != 0.0 {
-            ahead = self.propagated(&StateTransition::new(dt, &self.tuning, &self.bank), &self.pivot);
+            let step = StateTransition::new(dt, &self.tuning, &self.bank);
+            ahead = self.propagated(&step, self.insertion(&step, &self.pivot).as_ref(), &self.pivot);
         }
         Isometry3::from_parts(Translation3::from(tip_of(&ahead.0)), ahead.1)
     }
@@ -173,10 +175,10 @@ impl InstrumentFilter {
     fn propagated(
         &self,
         step: &StateTransition,
+        insertion: Option<&Insertion>,
         pivot: &Pivot,
     ) -> ([Vector3<f64>; VECTORS], UnitQuaternion<f64>, [[f64; 2]; ROLL_TREMORS]) {
         let mut vectors = self.vectors;
-        let insertion = self.insertion(step, pivot);
         insertion.iter().for_each(|i| i.apply_to_vectors(0, &mut vectors));
         step.apply_to_vectors(&mut vectors);
         insertion.iter().for_each(|i| i.apply_to_vectors(1, &mut vectors));
@@ -214,7 +216,8 @@ impl InstrumentFilter {
             }
             self.scale_tremor();
             let insertion = self.insertion(&step, &self.pivot);
-            (self.vectors, self.rotation, self.roll_tremor) = self.propagated(&step, &self.pivot);
+            (self.vectors, self.rotation, self.roll_tremor) =
+                self.propagated(&step, insertion.as_ref(), &self.pivot);
             self.roll_rate += self.roll_acceleration * step.roll[1][2];
             self.roll_acceleration *= step.roll[2][2];
             // Rows, then columns.

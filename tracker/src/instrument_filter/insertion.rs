@@ -50,7 +50,7 @@ impl InstrumentFilter {
         if !pivot.tracked {
             return None;
         }
-        // Of the voluntary movement: the tremor does not turn the way along the shaft.
+        // Of the voluntary movement alone: nobody pushes a shaft in the direction of its tremor.
         let place = |vectors: &[Vector3<f64>; VECTORS]| {
             let to_pivot = pivot.position + vectors[PLAY] - vectors[0];
             let lever = to_pivot.norm();

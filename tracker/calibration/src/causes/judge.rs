@@ -64,7 +64,8 @@ pub fn judge_within(
     let always = progressive::detect(rig, &stretch(fields, begin)).is_some();
     let from = onset.filter(|_| !always).unwrap_or(begin);
     let mut first = judge_from(rig, fields, [begin, from], work, &go_on);
-    if from > begin && is_no_fault(rig, &stretch(fields, from), &first) {
+    let holds = first.verdict == Verdict::NothingWrong;
+    if from > begin && !holds && is_no_fault(rig, &stretch(fields, from), &first) {
         let before: Vec<BlobField> = fields.iter().filter(|f| f.exposed_ns < from).copied().collect();
         let held = judge_from(rig, &before, [begin, begin], work, &go_on);
         first = if held.verdict == Verdict::NothingWrong { held } else { first };
