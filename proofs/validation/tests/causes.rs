@@ -139,10 +139,11 @@ fn where_nothing_is_wrong_nothing_is_named() {
 }
 
 /// Two cameras do not see an instrument outside of the eye well enough to follow it while the third is silent; and while
-/// it is taken out, markers that hide each other seem to have moved.
+/// it is taken out, markers that hide each other seem to have moved. In the last stream a false blob lies beside a hidden
+/// marker for 0.3 s, where an estimate from deweighted blobs finds a wrong minimum.
 #[test]
 fn an_instrument_that_is_taken_out_is_no_error() {
-    for (seed, own_rig) in [(40546, false), (40558, false), (40618, false), (40619, true)] {
+    for (seed, own_rig) in [(40546, false), (40558, false), (40618, false), (40619, true), (40746, false)] {
         let (_, Planted { rig, fields, .. }) = draw(seed, own_rig, true);
         let judged = judge(&rig, &fields, |_, _| true);
         println!("seed {seed}: {}", judged.text());

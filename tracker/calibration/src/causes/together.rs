@@ -37,6 +37,8 @@ pub const MOST: usize = 200;
 pub const FOLLOWS: (f64, f64) = (0.85, 0.6);
 /// Standard deviation of a blob, px, by which residuals deweight blobs at first.
 const BLOB_PX: f64 = 0.07;
+/// Mean square that a mended rig leaves, over that of the rig as it is, from which on the estimate is in a wrong minimum.
+const WORSE: f64 = 1.05;
 
 /// What a mended rig leaves at most of the blobs that measure poses, px, and noise that its blobs have at most over
 /// what their covariances say.
@@ -149,17 +151,10 @@ impl Together {
     /// Share of the blobs that measure poses with everything mended; 0 where they leave more than a little, or hide an
     /// error.
     pub fn followed(&self, rig: &Rig, fields: &[BlobField]) -> f64 {
-        let bundle = &self.found.bundle;
-        let mut undone = retimed(rig, fields, &bundle.late_s);
-        for field in &mut undone {
-            let Some(c) = rig.cameras.iter().position(|c| c.id == field.camera) else { continue };
-            if bundle.swapped[c] > 0.5 && field.parity < WHOLE_FRAME {
-                field.parity ^= 1;
-            }
-        }
-        let left = measure(&bundle.rig(rig), &undone);
+        let (mended, undone) = mended(rig, fields, &self.found);
+        let left = measure(&mended, &undone);
         let little = left.explained.rms().is_some_and(|px| px < LEFT_PX);
-        let is_right = little && self.noise < NOISE && !hides_an_error(&bundle.rig(rig), &undone);
+        let is_right = little && self.noise < NOISE && !hides_an_error(&mended, &undone);
         if is_right { left.explained_share() } else { 0.0 }
     }
 
@@ -192,10 +187,31 @@ fn adjusted(rig: &Rig, fields: &[BlobField], free: &Freedom) -> Result<SelfCalib
     let left = measure(rig, fields);
     let px = left.explained.rms().unwrap_or(f64::MAX);
     if left.explained_share() < FOLLOWS.0 || px > FOLLOWS.1 {
-        return refine_stream_free(rig, fields, free, MOST, &mut |_, _| {});
+        let found = refine_stream_free(rig, fields, free, MOST, &mut |_, _| {});
+        // Deweighted blobs may be matched to a reflection beside a hidden marker, and the estimate with them.
+        let is_no_worse = |found: &SelfCalibration| {
+            let (mended, undone) = mended(rig, fields, found);
+            measure(&mended, &undone).mean() < WORSE * left.mean()
+        };
+        if px > FOLLOWS.1 || found.as_ref().is_ok_and(is_no_worse) {
+            return found;
+        }
     }
     let found = refine_moving(rig, collect(rig, fields), MOST, free, (px / BLOB_PX).max(1.0))?;
     every_camera_saw(rig, &found.residuals).map(|()| found)
+}
+
+/// The rig with everything mended, and the fields without what was wrong with their stamps and parities.
+fn mended(rig: &Rig, fields: &[BlobField], found: &SelfCalibration) -> (Rig, Vec<BlobField>) {
+    let bundle = &found.bundle;
+    let mut undone = retimed(rig, fields, &bundle.late_s);
+    for field in &mut undone {
+        let Some(c) = rig.cameras.iter().position(|c| c.id == field.camera) else { continue };
+        if bundle.swapped[c] > 0.5 && field.parity < WHOLE_FRAME {
+            field.parity ^= 1;
+        }
+    }
+    (bundle.rig(rig), undone)
 }
 
 fn judged(rig: &Rig, found: SelfCalibration) -> Together {
