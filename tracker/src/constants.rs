@@ -35,12 +35,12 @@ pub const AREA_SCALE_STEP: f64 = 0.004;
 
 /// Initial standard deviation of the voluntary acceleration, mm/s².
 pub const VOLUNTARY_MM_S2: f64 = 15.0;
-/// Time constant of its lag, s: shorter overshoots, longer lags behind a reversal.
-pub const VOLUNTARY_TAU_S: f64 = 0.35;
+/// Time constant of its lags, s: shorter fits noise as movement, longer lags behind movement above 1/2πτ.
+pub const VOLUNTARY_TAU_S: f64 = 0.2;
 /// Bounds of its adaptive variance, mm²/s⁴: an instrument at rest, one that is withdrawn.
 pub const VOLUNTARY_RANGE_MM2_S4: (f64, f64) = (25.0, 1e5);
 /// Time constant of its adaptation, s.
-pub const VOLUNTARY_LEARNING_S: f64 = 0.1;
+pub const VOLUNTARY_LEARNING_S: f64 = 0.3;
 /// Share of a raise of that variance at a manoeuvre that acceleration and lags get at once.
 pub const MANOEUVRE_SHARE: f64 = 0.1;
 /// Bounds of the ratio of two levers by which the tremor is scaled at once.

@@ -2,12 +2,15 @@
 //! camera that it spoils no longer takes part in frames, and neither shows in what the rest leaves.
 
 use super::Cause;
-use super::measure::{SLICE_NS, START_NS, measure};
+use super::measure::{Left, SLICE_NS, START_NS, measure};
 use super::remedy::{amended, undone};
 use super::{places, work::Work};
 use protocol::blobs::BlobField;
 use protocol::time::Nanos;
 use rig::Rig;
+
+/// What a blob that measures no pose counts, px².
+const STRANGER_PX2: f64 = 0.25;
 
 /// Begins of the later stretches that are judged: of equal distance, one that reaches to the end, and the second half of
 /// that one. In a stretch within which a clock steps, its camera takes part in a part of the frames, which looks right.
@@ -36,7 +39,7 @@ pub fn since(
     let taken = |at: Nanos| {
         let within = |f: &&BlobField| (at..at + START_NS + SLICE_NS).contains(&f.exposed_ns);
         let part: Vec<BlobField> = fields.iter().filter(within).copied().collect();
-        measure(rig, &part).mean() - measure(&mended, &undone(rig, cause, &part)).mean()
+        shown(&measure(rig, &part)) - shown(&measure(&mended, &undone(rig, cause, &part)))
     };
     let last = end.saturating_sub(START_NS + SLICE_NS);
     let backwards = (0..).map(|n| last.saturating_sub(n * SLICE_NS)).take_while(|at| *at > from);
@@ -45,6 +48,13 @@ pub fn since(
         Some((at, *sum))
     });
     sums.filter(|(_, sum)| *sum > 0.0).max_by(|a, b| a.1.total_cmp(&b.1)).map(|(at, _)| at)
+}
+
+/// Mean square that dates a cause, px². A blob that measures no pose counts little: a single one must not date a cause
+/// that leaves next to nothing while nothing moves.
+fn shown(left: &Left) -> f64 {
+    let strangers = (left.all.count - left.explained.count) as f64;
+    (left.explained.sum + STRANGER_PX2 * strangers) / left.all.count.max(1) as f64
 }
 
 /// The rig without a cause; `None` where it cannot be had from the cause alone.
