@@ -11,12 +11,12 @@ pub type Columns<const N: usize> = [Row<N>; 6];
 
 /// Replaces the rows `at` by their linear combinations `f`.
 #[expect(clippy::needless_range_loop, reason = "rows and columns are one matrix")]
-pub fn combine_rows<const M: usize, const N: usize>(
-    rows: &mut [Row<N>; N],
+pub fn combine_rows<const M: usize, const W: usize, const N: usize>(
+    rows: &mut [Row<W>; N],
     at: [usize; M],
     f: &[[f64; M]; M],
 ) {
-    for column in 0..N {
+    for column in 0..W {
         let old: [f64; M] = std::array::from_fn(|i| rows[at[i]][column]);
         for (r, &row) in at.iter().enumerate() {
             let mut sum = 0.0;

@@ -17,7 +17,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 /// Version of the meaning of the bytes; another one is refused.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// Instants and counts from here on are damage, so that nothing that is added to them overflows.
 const MOST: u64 = 1 << 62;
 /// By how much a rotation may miss being one.

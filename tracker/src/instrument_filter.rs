@@ -16,6 +16,7 @@ mod adaptation;
 mod directed;
 mod insertion;
 mod motion;
+mod onset;
 mod pivot;
 mod saved;
 mod start;
@@ -31,6 +32,7 @@ use adaptation::Nis;
 use directed::{Directed, add_noise_of};
 use insertion::Insertion;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use onset::{Innovation, Onsets};
 pub use pivot::Pivot;
 pub use start::Hand;
 use transition::{PLAY_MODEL, StateTransition, roll_model, roll_tremor_model, voluntary_model};
@@ -62,6 +64,7 @@ pub struct InstrumentFilter {
     voluntary_variance: Directed,
     /// Running ratio of the NIS to its expectation.
     nis_ratio: f64,
+    onsets: Onsets,
     covariance: [Row; N],
     /// P·Hᵀ, covariance of the whole state with the pose, and the pose's own: many ask for them, between changes of
     /// the state that are few ([`InstrumentFilter::renew_cross`]).
@@ -105,6 +108,7 @@ impl InstrumentFilter {
             hand: hand.unwrap_or_default(),
             voluntary_variance: Directed::even(tuning.voluntary_mm_s2 * tuning.voluntary_mm_s2),
             nis_ratio: 1.0,
+            onsets: Onsets::new(),
             covariance: [[0.0; N]; N],
             cross: [[0.0; N]; 6],
             pose_covariance: Matrix6::zeros(),
@@ -210,28 +214,38 @@ impl InstrumentFilter {
         if was_free && target.tracked {
             self.start_inside();
         }
+        if was_free || !target.tracked {
+            self.onsets = Onsets::new();
+        }
         for i in 1..=steps {
             if i == steps {
                 self.pivot = target;
             }
             self.scale_tremor();
             let insertion = self.insertion(&step, &self.pivot);
+            let axis = self.axis();
+            self.onsets.propagate(&step, insertion.as_ref(), &axis, dt);
             (self.vectors, self.rotation, self.roll_tremor) =
                 self.propagated(&step, insertion.as_ref(), &self.pivot);
             self.roll_rate += self.roll_acceleration * step.roll[1][2];
             self.roll_acceleration *= step.roll[2][2];
-            // Rows, then columns.
-            for _ in 0..2 {
-                insertion.iter().for_each(|i| i.apply(0, &mut self.covariance));
-                step.apply(&mut self.covariance);
-                insertion.iter().for_each(|i| i.apply(1, &mut self.covariance));
-                transpose(&mut self.covariance);
-            }
-            self.add_noise(&step, dt);
+            self.predict_covariance(&step, insertion.as_ref(), dt);
         }
         self.mirror();
         self.renew_cross();
         self.time_ns = time_ns;
+    }
+
+    /// P ← F·P·Fᵀ + Q.
+    fn predict_covariance(&mut self, step: &StateTransition, insertion: Option<&Insertion>, dt: f64) {
+        // Rows, then columns.
+        for _ in 0..2 {
+            insertion.iter().for_each(|i| i.apply(0, &mut self.covariance));
+            step.apply(&mut self.covariance);
+            insertion.iter().for_each(|i| i.apply(1, &mut self.covariance));
+            transpose(&mut self.covariance);
+        }
+        self.add_noise(step, dt);
     }
 
     fn add_noise(&mut self, step: &StateTransition, dt: f64) {
@@ -336,21 +350,33 @@ impl InstrumentFilter {
         if !(change.iter().all(|v| v.is_finite()) && left.iter().all(|v| *v >= 0.0)) {
             return false;
         }
+        let innovation = Innovation { delta: &delta, prior_inverse, shrink: &shrink, weighted: &weighted };
+        let pull = self.find_pull(&innovation);
         self.shrink(&gain, &weighted);
-        for (i, vector) in self.vectors.iter_mut().enumerate() {
-            *vector += Vector3::new(change[3 * i], change[3 * i + 1], change[3 * i + 2]);
-        }
-        self.roll_rate += change[ROLL + 1];
-        self.roll_acceleration += change[ROLL + 2];
-        for (i, x) in self.roll_tremor.iter_mut().enumerate() {
-            x[0] += change[ROLL_TREMOR + 2 * i];
-            x[1] += change[ROLL_TREMOR + 2 * i + 1];
+        self.shift(&change);
+        if let Some(pull) = &pull {
+            self.follow_pull(pull);
         }
         self.rotation = aligned(posterior.rotation, &self.vectors, &self.pivot);
         self.renew_cross();
+        if pull.is_some() {
+            return true;
+        }
         let nis = Nis { all: delta.dot(&(prior_inverse * delta)), of_tip };
         self.adapt_to_nis(nis, (prior_inverse * shrink).trace());
         true
+    }
+
+    /// Adds a change to the state but for the roll's angle, which is the rotation's.
+    fn shift(&mut self, change: &Row) {
+        for (vector, change) in self.vectors.iter_mut().zip(change.chunks_exact(3)) {
+            *vector += Vector3::from_column_slice(change);
+        }
+        self.roll_rate += change[ROLL + 1];
+        self.roll_acceleration += change[ROLL + 2];
+        for (x, change) in self.roll_tremor.iter_mut().flatten().zip(&change[ROLL_TREMOR..]) {
+            *x += change;
+        }
     }
 
     /// P ← P − (gain·shrink)·gainᵀ: the lower triangle, then mirrored.

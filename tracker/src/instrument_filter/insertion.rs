@@ -9,7 +9,7 @@
 //! guided across. So the effect is weighted by the speed along the shaft.
 
 use super::transition::StateTransition;
-use super::{InstrumentFilter, N, PLAY, Pivot, Row, VECTORS};
+use super::{InstrumentFilter, N, PLAY, Pivot, VECTORS};
 use crate::block_matrix::combine_rows;
 use crate::constants as k;
 use nalgebra::{Matrix3, Vector3};
@@ -36,7 +36,7 @@ impl Insertion {
     }
 
     /// H·M, where `rows` are the rows of M, three for each vector, and H is a half.
-    pub fn apply(&self, half: usize, rows: &mut [Row; N]) {
+    pub fn apply<const W: usize>(&self, half: usize, rows: &mut [[f64; W]; N]) {
         let f: [[f64; 3]; 3] = std::array::from_fn(|r| std::array::from_fn(|c| self.halves[half][(r, c)]));
         for vector in 1..PLAY {
             combine_rows(rows, [3 * vector, 3 * vector + 1, 3 * vector + 2], &f);

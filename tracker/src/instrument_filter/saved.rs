@@ -25,7 +25,7 @@ impl InstrumentFilter {
         let InstrumentFilter { vectors, roll_rate, roll_acceleration, roll_tremor, rotation, .. } = self;
         let InstrumentFilter { pivot, hand, voluntary_variance, .. } = self;
         let InstrumentFilter { nis_ratio, covariance, time_ns, hand_known_ns, .. } = self;
-        let InstrumentFilter { tuning: _, bank: _, nis_gain: _, .. } = self;
+        let InstrumentFilter { onsets, tuning: _, bank: _, nis_gain: _, .. } = self;
         // Computed from the covariance.
         let InstrumentFilter { cross: _, pose_covariance: _, .. } = self;
         out.put(time_ns)?;
@@ -38,6 +38,7 @@ impl InstrumentFilter {
         hand.save(out)?;
         out.numbers(pivot.position.iter().chain([&pivot.sigma]))?;
         out.put(&pivot.tracked)?;
+        onsets.save(out)?;
         out.square(N, |r, c| covariance[r][c])
     }
 
@@ -59,6 +60,7 @@ impl InstrumentFilter {
         hand.load(from)?;
         from.numbers(pivot.position.iter_mut().chain([&mut pivot.sigma]))?;
         pivot.tracked = from.take()?;
+        filter.onsets.load(from)?;
         from.square(N, |r, c, number| filter.covariance[r][c] = number)?;
         filter.renew_cross();
         Ok(filter)

@@ -6,14 +6,14 @@ use crate::adverse::{Adverse, STEPS, Seen};
 use crate::rig_model::RigModel;
 use proptest::prelude::*;
 
-const FIELD_NS: u64 = 20_000_000;
+pub(super) const FIELD_NS: u64 = 20_000_000;
 
-fn pivot() -> Pivot {
+pub(super) fn pivot() -> Pivot {
     Pivot { position: Vector3::new(7.8, 4.5, 7.9), sigma: 0.05, tracked: true }
 }
 
 /// The shaft through the pivot with the tip at `tip`.
-fn through(tip: Vector3<f64>) -> Isometry3<f64> {
+pub(super) fn through(tip: Vector3<f64>) -> Isometry3<f64> {
     let axis = pivot().position - tip;
     let rotation = UnitQuaternion::rotation_between(&Vector3::z(), &axis).unwrap();
     Isometry3::from_parts(Translation3::from(tip), rotation)
@@ -23,7 +23,7 @@ fn model() -> BodyModel {
     RigModel::new(&rig::Rig::load_or_shipped(None).unwrap()).bodies[0].clone()
 }
 
-fn filter(tip: Vector3<f64>) -> InstrumentFilter {
+pub(super) fn filter(tip: Vector3<f64>) -> InstrumentFilter {
     InstrumentFilter::new(
         &through(tip),
         &(Matrix6::identity() * 1e-4),
@@ -35,7 +35,7 @@ fn filter(tip: Vector3<f64>) -> InstrumentFilter {
 }
 
 /// Measures a pose with the covariance `noise`.
-fn measure(f: &mut InstrumentFilter, pose: &Isometry3<f64>, noise: &Matrix6) -> bool {
+pub(super) fn measure(f: &mut InstrumentFilter, pose: &Isometry3<f64>, noise: &Matrix6) -> bool {
     let prior = f.pose_covariance().try_inverse().unwrap();
     let information = noise.try_inverse().unwrap();
     let covariance = (prior + information).try_inverse().unwrap();
@@ -290,6 +290,7 @@ fn assert_sound(f: &InstrumentFilter, what: &str) {
     assert!(
         adapted.chain(voluntary).chain([&f.nis_ratio, &f.hand.lever_mm]).all(|v| *v >= 0.0 && v.is_finite())
     );
+    assert!(f.onsets.is_sound(), "{what}: {:?}", f.onsets);
 }
 
 /// Every adverse movement, an hour of each: 10⁶ steps.

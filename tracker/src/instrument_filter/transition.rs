@@ -1,7 +1,7 @@
 //! State transition of an instrument: the transitions of its motion models, applied to the rows of
 //! a covariance or to the states.
 
-use super::{N, PLAY, ROLL, ROLL_TREMOR, ROLL_TREMORS, Row, TREMOR, VECTORS};
+use super::{N, PLAY, ROLL, ROLL_TREMOR, ROLL_TREMORS, TREMOR, VECTORS};
 use crate::block_matrix::{combine_rows, combine_vectors};
 use crate::constants as k;
 use crate::motion_models::{Oscillator, Singer, VOLUNTARY, VoluntaryMotion};
@@ -46,7 +46,7 @@ impl StateTransition {
     }
 
     /// F·M, where `rows` are the rows of M, three for each vector.
-    pub fn apply(&self, rows: &mut [Row; N]) {
+    pub fn apply<const W: usize>(&self, rows: &mut [[f64; W]; N]) {
         for axis in 0..3 {
             combine_rows(rows, std::array::from_fn(|n| axis + 3 * n), &self.voluntary);
             for (i, f) in self.tremor.iter().enumerate() {
