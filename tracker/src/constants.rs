@@ -41,14 +41,14 @@ pub const VOLUNTARY_TAU_S: f64 = 0.2;
 pub const VOLUNTARY_RANGE_MM2_S4: (f64, f64) = (25.0, 1e5);
 /// Time constant of its adaptation, s.
 pub const VOLUNTARY_LEARNING_S: f64 = 0.3;
-/// Time between the instants at which an instrument may have begun to be pulled out, s; the oldest is 0.1 s back. By
-/// then a pull of least jerk over a second has moved it by 0.2 mm.
+/// Time between the instants at which a withdrawal may have begun, s; the oldest is 0.1 s back. By then a minimum-jerk
+/// movement of 25 mm in 0.9 s has moved the tip by 0.3 mm.
 pub const ONSET_SPACING_S: f64 = 0.02;
-/// Twice the logarithm of the likelihood ratio that shows a pull. Noise reaches it at five standard deviations.
+/// Twice the logarithm of the likelihood ratio that shows a withdrawal: five standard deviations of the jerk.
 pub const ONSET_RATIO: f64 = 25.0;
-/// Standard deviation of the jerk of a pull, mm/s³: 25 mm in 0.9 s with the least jerk begin with 2,100.
+/// Standard deviation of the jerk of a withdrawal, mm/s³: that movement begins with 2,100.
 pub const ONSET_JERK_MM_S3: f64 = 3000.0;
-/// Time for which that jerk is expected to raise the acceleration, s.
+/// Time for which the jerk is expected to raise the acceleration, s.
 pub const ONSET_RISE_S: f64 = 0.1;
 /// Share of a raise of that variance at a manoeuvre that acceleration and lags get at once.
 pub const MANOEUVRE_SHARE: f64 = 0.1;

@@ -211,11 +211,11 @@ impl InstrumentFilter {
         let step = StateTransition::new(dt, &self.tuning, &self.bank);
         let was_free = !self.pivot.tracked;
         let target = self.next_pivot(pivot);
+        if was_free {
+            self.onsets = Onsets::new();
+        }
         if was_free && target.tracked {
             self.start_inside();
-        }
-        if was_free || !target.tracked {
-            self.onsets = Onsets::new();
         }
         for i in 1..=steps {
             if i == steps {
@@ -223,8 +223,10 @@ impl InstrumentFilter {
             }
             self.scale_tremor();
             let insertion = self.insertion(&step, &self.pivot);
-            let axis = self.axis();
-            self.onsets.propagate(&step, insertion.as_ref(), &axis, dt);
+            if target.tracked {
+                let axis = self.axis();
+                self.onsets.propagate(&step, insertion.as_ref(), &axis, dt);
+            }
             (self.vectors, self.rotation, self.roll_tremor) =
                 self.propagated(&step, insertion.as_ref(), &self.pivot);
             self.roll_rate += self.roll_acceleration * step.roll[1][2];
@@ -351,15 +353,15 @@ impl InstrumentFilter {
             return false;
         }
         let innovation = Innovation { delta: &delta, prior_inverse, shrink: &shrink, weighted: &weighted };
-        let pull = self.find_pull(&innovation);
+        let withdrawal = self.find_withdrawal(&innovation);
         self.shrink(&gain, &weighted);
         self.shift(&change);
-        if let Some(pull) = &pull {
-            self.follow_pull(pull);
+        if let Some(withdrawal) = &withdrawal {
+            self.follow_withdrawal(withdrawal);
         }
         self.rotation = aligned(posterior.rotation, &self.vectors, &self.pivot);
         self.renew_cross();
-        if pull.is_some() {
+        if withdrawal.is_some() {
             return true;
         }
         let nis = Nis { all: delta.dot(&(prior_inverse * delta)), of_tip };

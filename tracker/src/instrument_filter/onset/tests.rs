@@ -1,4 +1,4 @@
-//! Tests of pulls: what they leave, when they are found, and that a hand is none.
+//! Tests of withdrawals: what they leave, when they are found, and that a guided hand is none.
 
 use super::super::tests::{FIELD_NS, filter, measure, pivot, through};
 use super::super::tip_of;
@@ -11,15 +11,15 @@ use std::f64::consts::TAU;
 impl Onsets {
     /// False where something is not finite.
     pub fn is_sound(&self) -> bool {
-        let Onsets { off, age_s, score, information } = self;
-        off.iter().flatten().chain(age_s).chain(score).chain(information).all(|v| v.is_finite())
+        let Onsets { signatures, age_s, score, information } = self;
+        signatures.iter().flatten().chain(age_s).chain(score).chain(information).all(|v| v.is_finite())
     }
 }
 
 const FIELD_S: f64 = 1e-9 * FIELD_NS as f64;
-/// Depth of the tip from which it is pulled, and time that this takes.
-const PULL: (f64, f64) = (12.0, 0.9);
-/// Field in which a pull begins: the filter has learnt the hand.
+/// Way of a withdrawal, mm, and the time that it takes, s.
+const WITHDRAWAL: (f64, f64) = (12.0, 0.9);
+/// Field in which a withdrawal begins: the filter has learnt the hand.
 const BEGIN: u64 = 250;
 /// Standard deviations of a measured pose: mm and rad.
 const NOISE: (f64, f64) = (0.008, 0.003);
@@ -40,19 +40,20 @@ impl Hand {
         }))
     }
 
-    /// Pose after `t_s`, pulled by `pulled` mm.
-    fn pose(&self, t_s: f64, pulled: f64) -> Isometry3<f64> {
-        let at =
-            |n: usize| self.0[n].iter().map(|[mm, rate, phase]| mm * libm::sin(rate * t_s + phase)).sum();
+    /// Pose after `t_s`, withdrawn by `mm`.
+    fn pose(&self, t_s: f64, mm: f64) -> Isometry3<f64> {
+        let at = |n: usize| {
+            self.0[n].iter().map(|[amplitude, rate, phase]| amplitude * libm::sin(rate * t_s + phase)).sum()
+        };
         let tip = Vector3::new(at(0), at(1), at(2) - 4.0);
-        through(tip + (pivot().position - tip).normalize() * pulled)
+        through(tip + (pivot().position - tip).normalize() * mm)
     }
 }
 
-/// Displacement of a movement of least jerk, mm.
-fn pulled(since_s: f64) -> f64 {
-    let x = (since_s / PULL.1).clamp(0.0, 1.0);
-    PULL.0 * x * x * x * (10.0 - x * (15.0 - 6.0 * x))
+/// Displacement of a minimum-jerk movement, mm.
+fn withdrawn(since_s: f64) -> f64 {
+    let x = (since_s / WITHDRAWAL.1).clamp(0.0, 1.0);
+    WITHDRAWAL.0 * x * x * x * (10.0 - x * (15.0 - 6.0 * x))
 }
 
 fn noisy(pose: &Isometry3<f64>, random: &mut Random) -> Isometry3<f64> {
@@ -68,21 +69,21 @@ fn noise() -> Matrix6 {
     Matrix6::from_diagonal(&Vector6::new(tip, tip, tip, turn, turn, turn))
 }
 
-/// What became of a hand: squared errors of the tip in the first 0.3 s of a pull, µm², and fields in which pulls were
-/// found.
+/// What became of a hand: squared errors of the tip in the first 0.3 s of a withdrawal, µm², and fields in which
+/// withdrawals were found.
 #[derive(Default)]
 struct Outcome {
     squares: Vec<f64>,
     found: Vec<u64>,
 }
 
-/// Measures the poses of a hand that is pulled `sign` times as far, with or without looking for pulls.
+/// Measures the poses of a hand that is withdrawn `sign` times as far, with or without looking for withdrawals.
 fn follow(seed: u64, fields: u64, sign: f64, looking: bool) -> Outcome {
     let (hand, random, mut outcome) = (Hand::of(seed), &mut Random::new(seed, 1), Outcome::default());
     let mut f = filter(hand.pose(0.0, 0.0).translation.vector);
     for n in 1..fields {
         let t_s = n as f64 * FIELD_S;
-        let truth = hand.pose(t_s, sign * pulled(t_s - BEGIN as f64 * FIELD_S));
+        let truth = hand.pose(t_s, sign * withdrawn(t_s - BEGIN as f64 * FIELD_S));
         f.predict(FIELD_NS * (n + 1), Some(pivot()));
         if !looking {
             f.onsets = Onsets::new();
@@ -100,10 +101,9 @@ fn follow(seed: u64, fields: u64, sign: f64, looking: bool) -> Outcome {
     outcome
 }
 
-/// Two filters that measure the same but for a pull: their states differ by what the pull has made of the one less what
-/// [`Onsets`] says that it is off.
+/// Two filters that measure the same but for a withdrawal: the one that is withdrawn is off by the signature.
 #[test]
-fn a_state_is_off_by_what_updates_leave_of_a_pull() {
+fn a_state_is_off_by_what_updates_leave_of_a_withdrawal() {
     const JERK: f64 = 20.0;
     let (tip, outwards) =
         (Vector3::new(1.0, 0.5, -4.0), |tip: Vector3<f64>| (pivot().position - tip).normalize());
@@ -121,7 +121,7 @@ fn a_state_is_off_by_what_updates_leave_of_a_pull() {
             assert!(measure(f, &through(tip), &noise()));
         }
         let true_tip = to - tip;
-        let off = still.onsets.off.map(|row| row[0]);
+        let off = still.onsets.signatures.map(|row| row[0]);
         let expected = true_tip - (tip_of(&moved.vectors) - tip_of(&still.vectors));
         let (tip_off, _) = pose_part(&off, &outwards(tip), 1.0);
         assert!(
@@ -138,7 +138,7 @@ fn a_state_is_off_by_what_updates_leave_of_a_pull() {
 }
 
 #[test]
-fn a_pull_is_found_before_it_is_far() {
+fn a_withdrawal_is_found_before_it_is_far() {
     let (mut with, mut without, mut late) = (vec![], vec![], 0);
     for seed in 1..=24 {
         let outcome = follow(seed, BEGIN + 20, 1.0, true);
@@ -154,12 +154,12 @@ fn a_pull_is_found_before_it_is_far() {
     assert!(with < 0.75 * without, "{with} {without}");
 }
 
-/// Neither a hand that is guided and trembles is a pull, nor is one that puts its instrument further in.
+/// Neither is a hand that is guided and trembles, nor one that puts its instrument further in.
 #[test]
-fn a_hand_is_no_pull() {
+fn a_guided_hand_is_no_withdrawal() {
     let (fields, seeds) = (15_000, 4);
     let found: usize = (101..101 + seeds).map(|seed| follow(seed, fields, 0.0, true).found.len()).sum();
-    println!("{found} pulls in {} fields without one", fields * seeds);
+    println!("{found} withdrawals in {} fields without one", fields * seeds);
     assert!(found <= 6, "{found}");
     let further_in = (201..=216).filter(|seed| {
         let found = follow(*seed, BEGIN + 20, -0.3, true).found;
