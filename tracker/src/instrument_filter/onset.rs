@@ -164,8 +164,8 @@ impl InstrumentFilter {
         })
     }
 
-    /// Corrects the movement for a withdrawal: its state, and what is expected of the acceleration along the shaft. Roll
-    /// stays as it is measured.
+    /// Corrects the movement for a withdrawal: its state, and what is expected of the acceleration along the shaft. The
+    /// roll stays as it is measured.
     pub(super) fn follow_withdrawal(&mut self, withdrawal: &Withdrawal) {
         let Withdrawal { signature, jerk, variance } = withdrawal;
         self.shift(&signature.map(|s| s * jerk));
