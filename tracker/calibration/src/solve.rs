@@ -9,6 +9,7 @@
 //!
 //! Minimised is Σ ρ(|r|²) over all equations, r whitened to unit variance, ρ a [`Loss`].
 
+use eliminated::Eliminated;
 use nalgebra::{DMatrix, DVector, SVector};
 
 /// A bound on time, not a criterion: a sane problem needs 5 to 30 iterations, a valley some 300.
@@ -236,33 +237,6 @@ impl<S> Solution<S> {
     }
 }
 
-/// A block whose own unknowns H = L·Lᵀ are eliminated.
-struct Eliminated {
-    /// L; empty where the block has no own unknowns.
-    factor: DMatrix<f64>,
-    /// L⁻¹·(own by shared).
-    mixed: DMatrix<f64>,
-    /// L⁻¹·(own gradient).
-    gradient: DVector<f64>,
-}
-
-impl Eliminated {
-    fn of(block: &NormalEquations, damping: f64) -> Option<Self> {
-        let factor = damped(&block.oo, damping).cholesky()?.unpack();
-        let (mut mixed, mut gradient) = (block.so.transpose(), block.o.clone());
-        factor.solve_lower_triangular_unchecked_mut(&mut mixed);
-        factor.solve_lower_triangular_unchecked_mut(&mut gradient);
-        Some(Eliminated { factor, mixed, gradient })
-    }
-
-    /// The own step that goes with one of the shared unknowns.
-    fn step(&self, shared: &DVector<f64>) -> DVector<f64> {
-        let mut own = -(&self.gradient + &self.mixed * shared);
-        self.factor.tr_solve_lower_triangular_unchecked_mut(&mut own);
-        own
-    }
-}
-
 /// Schur complement, right-hand side, the blocks.
 type Reduced = (DMatrix<f64>, DVector<f64>, Vec<Eliminated>);
 
@@ -329,9 +303,8 @@ impl Assembled {
         let mut right = -&self.common.s;
         let mut eliminated = Vec::with_capacity(self.blocks.len());
         for block in &self.blocks {
-            let block = Eliminated::of(block, damping)?;
-            schur -= block.mixed.transpose() * &block.mixed;
-            right += block.mixed.transpose() * &block.gradient;
+            let block = Eliminated::of(&damped(&block.oo, damping), &block.so, &block.o)?;
+            block.reduce(&mut schur, &mut right);
             eliminated.push(block);
         }
         Some((schur, right, eliminated))
@@ -490,5 +463,6 @@ fn smallest_scaled(matrix: &DMatrix<f64>, diagonal: &[f64]) -> (f64, usize) {
     (eigen.eigenvalues[least], eigen.eigenvectors.column(least).iamax())
 }
 
+mod eliminated;
 #[cfg(test)]
 mod tests;

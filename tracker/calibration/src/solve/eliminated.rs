@@ -1,0 +1,72 @@
+//! A block of the normal equations without its own unknowns.
+
+use nalgebra::{DMatrix, DVector};
+
+/// A block whose own unknowns, with H = L·Lᵀ, are eliminated.
+///
+/// It is one matrix with a column for each own unknown: L, below it (shared by own)·L⁻ᵀ, and in the last row the transposed
+/// L⁻¹·(own gradient). So one loop over contiguous columns factors and eliminates. A triangular solve with a short column for
+/// each shared unknown takes several times as long.
+pub(super) struct Eliminated {
+    columns: DMatrix<f64>,
+}
+
+impl Eliminated {
+    /// Eliminates own unknowns with second derivatives `own` (H), `mixed` (shared by own), and `gradient`; `None` where H is not
+    /// positive definite.
+    pub(super) fn of(own: &DMatrix<f64>, mixed: &DMatrix<f64>, gradient: &DVector<f64>) -> Option<Self> {
+        let (size, shared) = (own.nrows(), mixed.nrows());
+        let mut columns = DMatrix::zeros(size + shared + 1, size);
+        columns.rows_mut(0, size).copy_from(own);
+        columns.rows_mut(size, shared).copy_from(mixed);
+        columns.row_mut(size + shared).tr_copy_from(gradient);
+        factor(&mut columns).then_some(Eliminated { columns })
+    }
+
+    /// Takes what the block says of the shared unknowns out of their system.
+    pub(super) fn reduce(&self, schur: &mut DMatrix<f64>, right: &mut DVector<f64>) {
+        let (own, shared) = self.sizes();
+        let mixed = self.columns.rows(own, shared);
+        schur.gemm(-1.0, &mixed, &mixed.transpose(), 1.0);
+        right.gemv(1.0, &mixed, &self.columns.row(own + shared).transpose(), 1.0);
+    }
+
+    /// The own step that goes with one of the shared unknowns.
+    pub(super) fn step(&self, of_shared: &DVector<f64>) -> DVector<f64> {
+        let (own, shared) = self.sizes();
+        let mut step = -self.columns.row(own + shared).transpose();
+        step.gemv_tr(-1.0, &self.columns.rows(own, shared), of_shared, 1.0);
+        self.columns.rows(0, own).tr_solve_lower_triangular_unchecked_mut(&mut step);
+        step
+    }
+
+    /// Numbers of own and of shared unknowns.
+    fn sizes(&self) -> (usize, usize) {
+        let (rows, own) = self.columns.shape();
+        (own, rows - own - 1)
+    }
+}
+
+/// Cholesky's factorisation of the upper square, carried on into the rows below it; false where it is not positive definite.
+fn factor(columns: &mut DMatrix<f64>) -> bool {
+    let (rows, count) = columns.shape();
+    let mut rest = columns.as_mut_slice();
+    for done in 0..count {
+        let (column, later) = rest.split_at_mut(rows);
+        let column = &mut column[done..];
+        let pivot = column[0];
+        if pivot.is_nan() || pivot <= 0.0 {
+            return false;
+        }
+        let scale = pivot.sqrt();
+        column.iter_mut().for_each(|value| *value /= scale);
+        for (row, other) in (1..).zip(later.chunks_exact_mut(rows)) {
+            let share = column[row];
+            for (value, by) in other[done + row..].iter_mut().zip(&column[row..]) {
+                *value -= share * by;
+            }
+        }
+        rest = later;
+    }
+    true
+}
