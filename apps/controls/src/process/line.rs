@@ -69,7 +69,7 @@ impl Line {
     /// # Errors
     /// Why it cannot be opened, in words that follow its name.
     pub(crate) fn open(&mut self, now: Nanos) -> Result<(Kind, OwnedFd), String> {
-        self.retry_ns = now + RETRY_NS;
+        self.retry_ns = now.saturating_add(RETRY_NS);
         let failed = |what: &str, e: Errno| format!("{what}: {}", io::Error::from(e));
         let flags = OFlags::RDONLY | OFlags::NONBLOCK | OFlags::CLOEXEC | OFlags::NOCTTY;
         let unopened = |e| failed("cannot be opened", e);
