@@ -85,14 +85,18 @@ demo-repeat: setup ## Run the demo's latency check 20 times in a row (RUNS=10; B
 	cargo build --release
 	RUNS="$(RUNS)" BESIDE="$(BESIDE)" VITREO=$(TARGET)/release packaging/tools/demo-repeat
 
+# Scenarios wait for processes half of the time, so one thread more than there are processors runs them.
 test: setup ## Check the format, lint, build, and run all tests
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets -- -D warnings
-	cargo build --release --workspace
 	@rm -f $(SKIPPED); mkdir -p $(dir $(SKIPPED))
-	VITREO_SKIPPED=$(SKIPPED) cargo test --release --workspace
-	@echo "the same bits without optimisation's and with debug's checks:"
-	cargo test -p tracker -p replay --no-default-features --lib --test streams
+	@echo "unit tests, with debug assertions and overflow checks:"
+	VITREO_SKIPPED=$(SKIPPED) cargo test --release --workspace --lib --config tests/checked.toml
+	cargo build --release --workspace
+	@echo "all other tests, of the programs as they are shipped:"
+	VITREO_SKIPPED=$(SKIPPED) RUST_TEST_THREADS=$${RUST_TEST_THREADS:-$$(($$(nproc) + 1))} \
+		cargo test --release --workspace --bins --examples --test '*'
+	cargo test --release --workspace --doc
 	@if [ -s $(SKIPPED) ]; then echo "$$(wc -l < $(SKIPPED)) tests were skipped:"; sort $(SKIPPED); \
 		else echo "no test was skipped"; fi
 

@@ -270,6 +270,22 @@ fn crates_point_downwards_only() {
     assert_eq!(ours.len(), ARROWS.len() + PROOFS.len(), "every crate of the table exists");
 }
 
+/// `make test` builds unit tests with what stands in `tests/checked.toml`, where every crate has to be named.
+#[test]
+fn unit_tests_of_every_crate_stop_at_an_overflow() {
+    let text = std::fs::read_to_string(repository().join("tests/checked.toml")).expect("tests/checked.toml");
+    let checked: toml::Table = toml::from_str(&text).expect("TOML");
+    let checked = checked["profile"]["release"]["package"].as_table().expect("packages");
+    let on = |settings: &toml::Value, key: &str| settings.get(key) == Some(&toml::Value::Boolean(true));
+    for (name, settings) in checked {
+        assert!(on(settings, "debug-assertions") && on(settings, "overflow-checks"), "{name}: {settings}");
+    }
+    // Derive macros run in the compiler only.
+    let crates = ARROWS.iter().map(|(name, _)| *name).chain(PROOFS.iter().copied());
+    let crates: BTreeSet<&str> = crates.filter(|name| *name != "protocol-derive").collect();
+    assert_eq!(crates, checked.keys().map(String::as_str).collect());
+}
+
 /// Every package that a crate reaches by normal and build dependencies.
 fn reached(metadata: &serde_json::Value, name: &str) -> BTreeSet<String> {
     let nodes: BTreeMap<&str, &serde_json::Value> = metadata["resolve"]["nodes"]

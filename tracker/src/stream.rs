@@ -90,3 +90,6 @@ pub fn track_stream(rig: &Rig, fields: &[BlobField], mut visit: impl FnMut(&Trac
     fields.iter().for_each(|field| stream.push(field, &mut visit));
     stream.finish(visit);
 }
+
+#[cfg(test)]
+mod tests;
