@@ -201,4 +201,15 @@ mod tests {
             assert!(problem.contains("the membrane is restless"), "{how}: {problem}");
         }
     }
+
+    /// `make test` builds unit tests with overflow checks (`tests/checked.toml`), other tests without.
+    #[test]
+    fn four_short_programmes_overflow_nothing() {
+        let overflow = std::panic::catch_unwind(|| std::hint::black_box(u8::MAX) + std::hint::black_box(1));
+        assert_eq!(overflow.is_err(), cfg!(debug_assertions));
+        for seed in 100..104 {
+            let outcome = run(seed, 2.0, &mut no_clock).unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!(outcome.tool_steps.iter().sum::<u64>(), 2 * outcome.steps);
+        }
+    }
 }
