@@ -89,10 +89,10 @@ demo-repeat: setup ## Run the demo's latency check 20 times in a row (RUNS=10; B
 test: setup ## Check the format, lint, build, and run all tests
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets -- -D warnings
+	cargo build --release --workspace
 	@rm -f $(SKIPPED); mkdir -p $(dir $(SKIPPED))
 	@echo "unit tests, with debug assertions and overflow checks:"
 	VITREO_SKIPPED=$(SKIPPED) cargo test --release --workspace --lib --config tests/checked.toml
-	cargo build --release --workspace
 	@echo "all other tests, of the programs as they are shipped:"
 	VITREO_SKIPPED=$(SKIPPED) RUST_TEST_THREADS=$${RUST_TEST_THREADS:-$$(($$(nproc) + 1))} \
 		cargo test --release --workspace --bins --examples --test '*'
