@@ -270,7 +270,7 @@ fn crates_point_downwards_only() {
     assert_eq!(ours.len(), ARROWS.len() + PROOFS.len(), "every crate of the table exists");
 }
 
-/// `make test` builds unit tests with what stands in `tests/checked.toml`, where every crate has to be named.
+/// `make test` builds unit tests with the settings of `tests/checked.toml`, which have to name every crate.
 #[test]
 fn unit_tests_of_every_crate_stop_at_an_overflow() {
     let text = std::fs::read_to_string(repository().join("tests/checked.toml")).expect("tests/checked.toml");

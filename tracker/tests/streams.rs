@@ -218,6 +218,21 @@ fn phases_that_are_marked_come_in_their_order_and_change_nothing() {
     assert!(compared > 50, "{compared} frames were compared");
 }
 
+/// FNV-1a over all frames of the stream. It changes when the tracker's arithmetic does, on purpose;
+/// it must not differ between machines. `tracker/src/stream/tests.rs` compares poses at another level of optimisation.
+const GOLDEN: u64 = 0x92e01f1787cbd244;
+
+#[test]
+fn frames_are_the_same_to_the_bit_on_every_machine() {
+    let stream = load("samecol");
+    let frames = run(&stream.rig, &stream.fields);
+    let bytes: Vec<u8> = frames
+        .iter()
+        .flat_map(|f| bytemuck::bytes_of(f)[..std::mem::offset_of!(TrackerFrame, cameras_left_out)].to_vec())
+        .collect();
+    assert_eq!(protocol::message::fnv1a(&bytes), GOLDEN, "{:#018x}", protocol::message::fnv1a(&bytes));
+}
+
 #[test]
 fn two_cameras_are_enough_and_one_is_not() {
     let stream = load("static");

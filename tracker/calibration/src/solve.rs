@@ -9,6 +9,8 @@
 //!
 //! Minimised is Σ ρ(|r|²) over all equations, r whitened to unit variance, ρ a [`Loss`].
 
+mod eliminated;
+
 use eliminated::Eliminated;
 use nalgebra::{DMatrix, DVector, SVector};
 
@@ -463,6 +465,5 @@ fn smallest_scaled(matrix: &DMatrix<f64>, diagonal: &[f64]) -> (f64, usize) {
     (eigen.eigenvalues[least], eigen.eigenvectors.column(least).iamax())
 }
 
-mod eliminated;
 #[cfg(test)]
 mod tests;

@@ -5,8 +5,8 @@ use nalgebra::{DMatrix, DVector};
 /// A block whose own unknowns, with H = L·Lᵀ, are eliminated.
 ///
 /// It is one matrix with a column for each own unknown: L, below it (shared by own)·L⁻ᵀ, and in the last row the transposed
-/// L⁻¹·(own gradient). So one loop over contiguous columns factors and eliminates. A triangular solve with a short column for
-/// each shared unknown takes several times as long.
+/// L⁻¹·(own gradient). So one loop factors and eliminates along contiguous columns that are as long as all unknowns, instead of
+/// a short column for each shared one.
 pub(super) struct Eliminated {
     columns: DMatrix<f64>,
 }
@@ -69,4 +69,46 @@ fn factor(columns: &mut DMatrix<f64>) -> bool {
         rest = later;
     }
     true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Eliminated;
+    use nalgebra::{DMatrix, DVector};
+    use protocol::random::Random;
+
+    /// A block of random equations, the system of its shared unknowns, and the solution of both at once.
+    #[test]
+    fn what_elimination_solves_is_the_whole_system() {
+        let mut random = Random::from_seed(5);
+        let mut compared = 0;
+        for (own, shared) in [(0, 3), (1, 1), (6, 0), (6, 20), (18, 7)] {
+            let all = own + shared;
+            let equations = DMatrix::from_fn(all + 9, all, |_, _| random.normal());
+            let h = equations.tr_mul(&equations);
+            let gradient = DVector::from_fn(all, |_, _| random.normal());
+            let [o, s] = [gradient.rows(0, own).into_owned(), gradient.rows(own, shared).into_owned()];
+            let mixed = h.view((own, 0), (shared, own)).into_owned();
+            let block = Eliminated::of(&h.view((0, 0), (own, own)).into_owned(), &mixed, &o).unwrap();
+            let mut schur = h.view((own, own), (shared, shared)).into_owned();
+            let mut right = -s;
+            block.reduce(&mut schur, &mut right);
+            let of_shared = if shared == 0 { right } else { schur.lu().solve(&right).unwrap() };
+            let of_own = block.step(&of_shared);
+            let whole = h.lu().solve(&-gradient).unwrap();
+            for (eliminated, expected) in of_own.iter().chain(&of_shared).zip(&whole) {
+                assert!((eliminated - expected).abs() < 1e-9 * (1.0 + expected.abs()), "{own} and {shared}");
+                compared += 1;
+            }
+        }
+        assert_eq!(compared, 62);
+    }
+
+    #[test]
+    fn what_is_not_positive_definite_is_refused() {
+        for (first, second) in [(0.0, 1.0), (-1.0, 1.0), (1.0, 0.0), (1.0, -1.0), (f64::NAN, 1.0)] {
+            let own = DMatrix::from_diagonal(&DVector::from_vec(vec![first, second]));
+            assert!(Eliminated::of(&own, &DMatrix::zeros(1, 2), &DVector::zeros(2)).is_none());
+        }
+    }
 }
