@@ -25,7 +25,7 @@ use crate::report::Report;
 use crate::residual_plot::ResidualPicture;
 use crate::target_problem::{Residual, Robustness};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use ipc::logging::{LogArgs, inform};
+use ipc::logging::{LogArgs, inform, warn};
 use outputs::{Force, Names, Outputs, print, println};
 use rig::camera::Camera;
 use settings::{Program, SettingsArgs};
@@ -178,6 +178,14 @@ fn progress(what: &'static str, count: Option<u64>) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(count, ProgressDrawTarget::stderr());
     bar.set_style(ProgressStyle::with_template(template).expect("a valid template"));
     bar.with_prefix(what)
+}
+
+/// Logs a refusal that the report states too, for a report that goes to a file or a pipe. On a terminal that shows
+/// both, it would be read twice.
+fn warn_of_refusal(refusal: &str) {
+    if !(std::io::stdout().is_terminal() && std::io::stderr().is_terminal()) {
+        warn(refusal);
+    }
 }
 
 /// Runs `work` with a spinner that shows the iteration and the cost that `work` reports.

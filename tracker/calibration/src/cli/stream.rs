@@ -1,7 +1,7 @@
 //! Calibrations that look at a stream of blobs: `pivot`, `drift`; the judgement of a stream.
 
 use super::fields::StreamArgs;
-use super::{OutputArgs, positive, progress, with_spinner};
+use super::{OutputArgs, positive, progress, warn_of_refusal, with_spinner};
 use crate::CalibrationError;
 use crate::causes::{Judgement, Verdict, judge};
 use crate::drift_check::{self, DriftCheck};
@@ -98,8 +98,7 @@ pub(super) fn nothing_written(
 ) -> anyhow::Result<ExitCode> {
     let refusal = format!("nothing was written: {why}");
     print_verdict(output, task, judgement, &refusal)?;
-    // Also where the report goes into a file.
-    warn(&refusal);
+    warn_of_refusal(&refusal);
     Ok(ExitCode::from(DIFFERS))
 }
 

@@ -3,7 +3,7 @@
 use super::checks::{self, NotCompared};
 use super::lens_checks::{Determined, determined};
 use super::recorded::{self, EveryArgs};
-use super::{OutputArgs, SolveArgs, lists, pair, positive, progress, short, with_spinner};
+use super::{OutputArgs, SolveArgs, lists, pair, positive, progress, short, warn_of_refusal, with_spinner};
 use crate::board::{Board, Pattern, Target};
 use crate::charuco::CharucoBoard;
 use crate::grey_image::GreyImage;
@@ -326,7 +326,7 @@ pub(super) fn finish_unless(
     report.notes.extend(refused.clone());
     out.print(&report, &found.scene.cameras, &found.residuals)?;
     if let Some(refused) = refused {
-        warn(&refused);
+        warn_of_refusal(&refused);
         return Ok(ExitCode::from(DIFFERS));
     }
     if out.output.is_some() {
