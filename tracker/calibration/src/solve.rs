@@ -22,6 +22,10 @@ pub const MAX_STEPS: usize = 5000;
 const DISTANCE_TOLERANCE: f64 = 1e-7;
 /// Relative decrease of the cost at which rounding begins.
 const COST_TOLERANCE: f64 = 1e-14;
+/// Where a solution need not be as near as can be ([`Problem::near_enough`]), it is found after so many steps in a row that
+/// each lessen the cost by less than this many times the noise: a curved valley without slope, along which many steps would
+/// move what the data leave open.
+const FLAT: (usize, f64) = (2, 0.05);
 /// First damping, and the bounds of it; beyond the upper one no step decreases the cost.
 const DAMPING: (f64, f64, f64) = (1e-4, 1e-12, 1e12);
 /// Damping grows where a step gains less than the first share of what was predicted and shrinks
@@ -351,8 +355,10 @@ pub fn solve<P: Problem>(
         return Err(SolveError::TooFew { equations, unknowns });
     }
     let freedom = equations - unknowns;
+    let mut flat = 0;
     for iteration in 0..problem.most_steps() {
-        progress(iteration, assembled.common.cost);
+        let cost = assembled.common.cost;
+        progress(iteration, cost);
         if assembled.at_minimum(freedom, problem.near_enough()) {
             return finish(problem, state, &assembled, freedom, iteration);
         }
@@ -361,6 +367,11 @@ pub fn solve<P: Problem>(
         };
         state = next;
         assembled = Assembled::of(problem, &state);
+        let is_flat = cost - assembled.common.cost < FLAT.1 * cost / freedom.max(1) as f64;
+        flat = if is_flat { flat + 1 } else { 0 };
+        if problem.near_enough() > 0.0 && flat == FLAT.0 {
+            return finish(problem, state, &assembled, freedom, iteration + 1);
+        }
     }
     Err(SolveError::Endless { iterations: problem.most_steps(), cost: assembled.common.cost })
 }

@@ -62,6 +62,10 @@ fn factor(columns: &mut DMatrix<f64>) -> bool {
         column.iter_mut().for_each(|value| *value /= scale);
         for (row, other) in (1..).zip(later.chunks_exact_mut(rows)) {
             let share = column[row];
+            // Most are: bodies do not meet, and a path's control points only the next ones.
+            if share == 0.0 {
+                continue;
+            }
             for (value, by) in other[done + row..].iter_mut().zip(&column[row..]) {
                 *value -= share * by;
             }
