@@ -23,9 +23,9 @@ const DISTANCE_TOLERANCE: f64 = 1e-7;
 /// Relative decrease of the cost at which rounding begins.
 const COST_TOLERANCE: f64 = 1e-14;
 /// Where a solution need not be as near as can be ([`Problem::near_enough`]), it is found after so many steps in a row that
-/// each lessen the cost by less than this many times the noise: a curved valley without slope, along which many steps would
-/// move what the data leave open.
-const FLAT: (usize, f64) = (2, 0.05);
+/// each lessen the cost by less than this many times the noise, if the minimum is nearer than this many standard deviations:
+/// a curved valley without slope, along which many steps would move what the data leave open.
+const FLAT: (usize, f64, f64) = (3, 0.05, 1.0);
 /// First damping, and the bounds of it; beyond the upper one no step decreases the cost.
 const DAMPING: (f64, f64, f64) = (1e-4, 1e-12, 1e12);
 /// Damping grows where a step gains less than the first share of what was predicted and shrinks
@@ -296,11 +296,15 @@ impl Assembled {
         Some(Step { shared, own, predicted })
     }
 
-    /// True where what the undamped step would gain is nothing beside the noise.
-    fn at_minimum(&self, freedom: usize, near_enough: f64) -> bool {
-        let noise = self.common.cost / freedom.max(1) as f64;
-        let near = DISTANCE_TOLERANCE.max(near_enough).powi(2) * noise;
-        self.step(0.0).is_some_and(|step| step.predicted >= 0.0 && step.predicted <= near)
+    /// Distance to the minimum in standard deviations, by what the undamped step would gain; infinite where there is none.
+    fn distance(&self, freedom: usize) -> f64 {
+        let gain = self.step(0.0).map(|step| step.predicted).filter(|gain| *gain >= 0.0);
+        gain.map_or(f64::INFINITY, |gain| (gain / self.noise(freedom)).sqrt())
+    }
+
+    /// Cost per degree of freedom.
+    fn noise(&self, freedom: usize) -> f64 {
+        self.common.cost / freedom.max(1) as f64
     }
 
     /// The system of the shared unknowns alone.
@@ -355,11 +359,14 @@ pub fn solve<P: Problem>(
         return Err(SolveError::TooFew { equations, unknowns });
     }
     let freedom = equations - unknowns;
+    let near_enough = problem.near_enough();
     let mut flat = 0;
     for iteration in 0..problem.most_steps() {
         let cost = assembled.common.cost;
         progress(iteration, cost);
-        if assembled.at_minimum(freedom, problem.near_enough()) {
+        let distance = assembled.distance(freedom);
+        let is_flat = near_enough > 0.0 && flat >= FLAT.0 && distance < FLAT.2;
+        if is_flat || distance <= near_enough.max(DISTANCE_TOLERANCE) {
             return finish(problem, state, &assembled, freedom, iteration);
         }
         let Some(next) = descend(problem, &state, &assembled, &mut damping) else {
@@ -367,11 +374,8 @@ pub fn solve<P: Problem>(
         };
         state = next;
         assembled = Assembled::of(problem, &state);
-        let is_flat = cost - assembled.common.cost < FLAT.1 * cost / freedom.max(1) as f64;
-        flat = if is_flat { flat + 1 } else { 0 };
-        if problem.near_enough() > 0.0 && flat == FLAT.0 {
-            return finish(problem, state, &assembled, freedom, iteration + 1);
-        }
+        let gained = cost - assembled.common.cost;
+        flat = if gained < FLAT.1 * assembled.noise(freedom) { flat + 1 } else { 0 };
     }
     Err(SolveError::Endless { iterations: problem.most_steps(), cost: assembled.common.cost })
 }

@@ -123,3 +123,54 @@ fn an_impossible_start_is_refused() {
     }
     assert_eq!(solve(&Nowhere, (), &mut |_, _| {}).unwrap_err(), SolveError::Start);
 }
+
+/// The narrow valley y = x², along which x is hardly known to be 1, and noise of unit variance.
+struct Valley {
+    near_enough: f64,
+}
+
+impl Problem for Valley {
+    type State = DVector<f64>;
+
+    fn shared(&self) -> usize {
+        2
+    }
+    fn name(&self, shared: usize) -> String {
+        ["x", "y"][shared].into()
+    }
+    fn near_enough(&self) -> f64 {
+        self.near_enough
+    }
+    fn blocks(&self) -> usize {
+        1
+    }
+    fn own(&self, _: usize) -> usize {
+        1
+    }
+    fn equations(&self, at: &DVector<f64>, _: usize, out: &mut NormalEquations) {
+        let ([x, y], [by_x, by_y]) = ([at[0], at[1]], [Unknown::Shared(0), Unknown::Shared(1)]);
+        let beside = 500.0 * (y - x * x);
+        let columns = [(by_x, Vector1::new(-1e3 * x)), (by_y, Vector1::new(500.0))];
+        out.add(&Vector1::new(beside), &columns, Loss::Square);
+        out.add(&Vector1::new(0.3 * (x - 1.0)), &[(by_x, Vector1::new(0.3))], Loss::Square);
+        for noise in [-1.0, 1.0].repeat(50) {
+            out.add(&Vector1::new(noise), &[(Unknown::Own(0), Vector1::new(1.0))], Loss::Square);
+        }
+    }
+    fn moved(&self, at: &DVector<f64>, shared: &DVector<f64>, _: &[DVector<f64>]) -> DVector<f64> {
+        at + shared
+    }
+}
+
+#[test]
+fn a_valley_without_slope_is_followed_to_its_end_only_where_that_is_wanted() {
+    let found = |near_enough| {
+        let start = DVector::from_vec(vec![-2.0, 4.0]);
+        solve(&Valley { near_enough }, start, &mut |_, _| {}).unwrap()
+    };
+    let (nearest, near) = (found(0.0), found(0.01));
+    assert!((nearest.state[0] - 1.0).abs() < 1e-5, "{nearest:?}");
+    assert!(near.iterations * 5 < nearest.iterations, "{} and {}", near.iterations, nearest.iterations);
+    // What the end of the valley would take away is less than one such measurement is wrong by.
+    assert!(near.cost - nearest.cost < 1.0 && near.cost >= nearest.cost, "{near:?}");
+}
