@@ -22,10 +22,13 @@ pub const MAX_STEPS: usize = 5000;
 const DISTANCE_TOLERANCE: f64 = 1e-7;
 /// Relative decrease of the cost at which rounding begins.
 const COST_TOLERANCE: f64 = 1e-14;
-/// Where a solution need not be as near as can be ([`Problem::near_enough`]), it is found after so many steps in a row that
-/// each lessen the cost by less than this many times the noise, if the minimum is nearer than this many standard deviations:
-/// a curved valley without slope, along which many steps would move what the data leave open.
-const FLAT: (usize, f64, f64) = (3, 0.05, 1.0);
+/// Where a solution need not be as near as can be ([`Problem::near_enough`]), it also ends in a curved valley without slope,
+/// along which many steps would only move what the data leave open: after so many steps in a row,
+const FLAT_STEPS: usize = 3;
+/// each of which lessened the cost by less than this many times the noise,
+const FLAT_GAIN: f64 = 0.05;
+/// and at most so many standard deviations away from the minimum.
+const FLAT_DISTANCE: f64 = 1.0;
 /// First damping, and the bounds of it; beyond the upper one no step decreases the cost.
 const DAMPING: (f64, f64, f64) = (1e-4, 1e-12, 1e12);
 /// Damping grows where a step gains less than the first share of what was predicted and shrinks
@@ -296,10 +299,9 @@ impl Assembled {
         Some(Step { shared, own, predicted })
     }
 
-    /// Distance to the minimum in standard deviations, by what the undamped step would gain; infinite where there is none.
-    fn distance(&self, freedom: usize) -> f64 {
-        let gain = self.step(0.0).map(|step| step.predicted).filter(|gain| *gain >= 0.0);
-        gain.map_or(f64::INFINITY, |gain| (gain / self.noise(freedom)).sqrt())
+    /// What the undamped step would gain: the square of the distance to the minimum in standard deviations, times the noise.
+    fn left_to_gain(&self) -> Option<f64> {
+        self.step(0.0).map(|step| step.predicted).filter(|gain| *gain >= 0.0)
     }
 
     /// Cost per degree of freedom.
@@ -364,9 +366,9 @@ pub fn solve<P: Problem>(
     for iteration in 0..problem.most_steps() {
         let cost = assembled.common.cost;
         progress(iteration, cost);
-        let distance = assembled.distance(freedom);
-        let is_flat = near_enough > 0.0 && flat >= FLAT.0 && distance < FLAT.2;
-        if is_flat || distance <= near_enough.max(DISTANCE_TOLERANCE) {
+        let is_flat = near_enough > 0.0 && flat >= FLAT_STEPS;
+        let near = if is_flat { FLAT_DISTANCE } else { DISTANCE_TOLERANCE.max(near_enough) };
+        if assembled.left_to_gain().is_some_and(|gain| gain <= near.powi(2) * assembled.noise(freedom)) {
             return finish(problem, state, &assembled, freedom, iteration);
         }
         let Some(next) = descend(problem, &state, &assembled, &mut damping) else {
@@ -375,7 +377,7 @@ pub fn solve<P: Problem>(
         state = next;
         assembled = Assembled::of(problem, &state);
         let gained = cost - assembled.common.cost;
-        flat = if gained < FLAT.1 * assembled.noise(freedom) { flat + 1 } else { 0 };
+        flat = if gained < FLAT_GAIN * assembled.noise(freedom) { flat + 1 } else { 0 };
     }
     Err(SolveError::Endless { iterations: problem.most_steps(), cost: assembled.common.cost })
 }
